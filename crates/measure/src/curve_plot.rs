@@ -4,6 +4,7 @@ use brickyard::curve::{Curve, LINE_COLORS};
 use brickyard::text_file::write_text;
 use brickyard::volume::{TimeAxis, time_symbol};
 use plotters::prelude::*;
+use std::error::Error;
 use std::path::Path;
 
 /// Size of the picture, pixels.
@@ -20,12 +21,7 @@ pub fn write(path: &Path, curve: &Curve, axis: Option<&TimeAxis>, names: &[Strin
     write_text(path, &svg).map_err(|error| error.to_string())
 }
 
-fn draw(
-    svg: &mut String,
-    curve: &Curve,
-    axis: Option<&TimeAxis>,
-    names: &[String],
-) -> Result<(), Box<dyn std::error::Error>> {
+fn draw(svg: &mut String, curve: &Curve, axis: Option<&TimeAxis>, names: &[String]) -> Result<(), Box<dyn Error>> {
     let time = |step: u32| axis.map_or(f64::from(step), |axis| axis.at(step));
     let times: Vec<f64> = curve.steps.iter().map(|step| time(*step)).collect();
     let x_desc = match axis {

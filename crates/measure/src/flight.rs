@@ -117,24 +117,30 @@ pub fn fly(stores: &[&Path], plan: &FlightPlan<'_>, options: &SessionOptions) ->
         voxel_size: volumes.iter().map(voxel_size).fold(f64::INFINITY, f64::min),
         seed: plan.seed,
     };
-    let mut watch = Watch::new(options, plan.frame_goal);
-    let (mut frame, first_picture_ms) = watch.first_picture(&mut session, &first, started)?;
-    frame = watch.settle(&mut session, frame)?;
+    let mut watch = Watch::new(session, options, plan.frame_goal);
+    let mut frame = watch.step(&first)?;
+    frame = watch.wait(frame, |status| status.covered)?;
+    // Until then nothing counts as uncovered.
+    watch.uncovered = 0;
+    watch.drawing.draw(&mut watch.session, &frame)?;
+    let first_picture_ms = ms(started);
+    frame = watch.settle(frame)?;
     let settled_ms = ms(started);
     let before = frame.status.counters;
     let (mut frame_ms, mut step_ms, mut completeness, mut quality) = (Vec::new(), Vec::new(), 0.0, 0.0);
     for number in 1..=plan.frames {
-        let scene = session.resolve(&setting.at(plan.scenario, number, plan.frames), plan.size_px)?;
+        let scene = watch.session.resolve(&setting.at(plan.scenario, number, plan.frames), plan.size_px)?;
         let begun = Instant::now();
-        frame = watch.step(&mut session, &scene)?;
+        frame = watch.step(&scene)?;
         step_ms.push(ms(begun));
-        quality += watch.drawing.draw(&mut session, &frame)?.share() / plan.frames as f64;
+        quality += watch.drawing.draw(&mut watch.session, &frame)?.share() / plan.frames as f64;
         frame_ms.push(ms(begun));
         completeness += frame.status.completeness / plan.frames as f64;
     }
     let landed = Instant::now();
     let counters = frame.status.counters;
-    frame = watch.settle(&mut session, frame)?;
+    frame = watch.settle(frame)?;
+    let Watch { mut session, uncovered, over_budget, gpu_bytes_peak, anonymous_peak, .. } = watch;
     if plan.frame_goal.is_some() {
         session.draw(&frame)?;
     }
@@ -152,8 +158,8 @@ pub fn fly(stores: &[&Path], plan: &FlightPlan<'_>, options: &SessionOptions) ->
         step_ms: Percentiles::of(&step_ms),
         quality,
         settle_after_ms: ms(landed),
-        uncovered_frames: watch.uncovered,
-        frames_over_budget: watch.over_budget,
+        uncovered_frames: uncovered,
+        frames_over_budget: over_budget,
         completeness,
         bricks: BrickCounts {
             wanted: status.wanted as u64,
@@ -170,14 +176,15 @@ pub fn fly(stores: &[&Path], plan: &FlightPlan<'_>, options: &SessionOptions) ->
             decoded: counters.bytes_decoded - before.bytes_decoded,
             uploaded: counters.bytes_uploaded - before.bytes_uploaded,
         },
-        gpu_bytes_peak: watch.gpu_bytes_peak,
+        gpu_bytes_peak,
         host_bytes_peak: status.host_bytes_peak,
-        anonymous_peak: watch.anonymous_peak,
+        anonymous_peak,
     })
 }
 
-/// Checks and peaks over all frames.
+/// A session, with checks and peaks over all of its frames.
 struct Watch<'a> {
+    session: Session,
     options: &'a SessionOptions,
     drawing: PacedDrawing,
     uncovered: u32,
@@ -187,16 +194,16 @@ struct Watch<'a> {
 }
 
 impl<'a> Watch<'a> {
-    fn new(options: &'a SessionOptions, frame_goal: Option<Duration>) -> Self {
+    fn new(session: Session, options: &'a SessionOptions, frame_goal: Option<Duration>) -> Self {
         let drawing = PacedDrawing::new(frame_goal);
-        Self { options, drawing, uncovered: 0, over_budget: 0, gpu_bytes_peak: 0, anonymous_peak: 0 }
+        Self { session, options, drawing, uncovered: 0, over_budget: 0, gpu_bytes_peak: 0, anonymous_peak: 0 }
     }
 
-    fn step(&mut self, session: &mut Session, scene: &ResolvedScene) -> Result<Frame, SessionError> {
-        let frame = session.step_resolved(scene)?;
-        let (status, gpu_bytes) = (&frame.status, session.backend_bytes());
+    fn step(&mut self, scene: &ResolvedScene) -> Result<Frame, SessionError> {
+        let frame = self.session.step_resolved(scene)?;
+        let (status, gpu_bytes) = (&frame.status, self.session.backend_bytes());
         self.uncovered += !status.covered as u32;
-        let is_cpu = session.backend().is_some_and(|backend| backend.name() == "cpu");
+        let is_cpu = self.session.backend().is_some_and(|backend| backend.name() == "cpu");
         let backend_bytes = if is_cpu { self.options.cpu_memory_bytes } else { self.options.gpu_memory_bytes };
         let over = gpu_bytes > backend_bytes || status.host_bytes > self.options.host_memory_bytes;
         self.over_budget += over as u32;
@@ -205,41 +212,22 @@ impl<'a> Watch<'a> {
         Ok(frame)
     }
 
-    /// Draws as soon as everything is covered. Earlier frames do not count as uncovered.
-    fn first_picture(
-        &mut self,
-        session: &mut Session,
-        scene: &ResolvedScene,
-        started: Instant,
-    ) -> Result<(Frame, f64), FlightError> {
-        let first = self.step(session, scene)?;
-        let frame = self.wait(session, first, |status| status.covered)?;
-        self.uncovered = 0;
-        self.drawing.draw(session, &frame)?;
-        Ok((frame, ms(started)))
+    fn settle(&mut self, frame: Frame) -> Result<Frame, FlightError> {
+        self.wait(frame, |status| status.settled)
     }
 
-    fn settle(&mut self, session: &mut Session, frame: Frame) -> Result<Frame, FlightError> {
-        self.wait(session, frame, |status| status.settled)
-    }
-
-    fn wait(
-        &mut self,
-        session: &mut Session,
-        mut frame: Frame,
-        done: impl Fn(&Status) -> bool,
-    ) -> Result<Frame, FlightError> {
+    fn wait(&mut self, mut frame: Frame, done: impl Fn(&Status) -> bool) -> Result<Frame, FlightError> {
         let begun = Instant::now();
         while !done(&frame.status) {
             if begun.elapsed() > LONGEST {
                 return Err(FlightError::NotSettled(LONGEST.as_secs_f64()));
             }
             if frame.status.awaits_feedback {
-                session.draw(&frame)?;
+                self.session.draw(&frame)?;
             } else {
-                session.wait(Duration::from_millis(50));
+                self.session.wait(Duration::from_millis(50));
             }
-            frame = self.step(session, &frame.scene)?;
+            frame = self.step(&frame.scene)?;
         }
         Ok(frame)
     }

@@ -121,9 +121,6 @@ struct Run<'a> {
     session: &'a mut Session,
     drawing: PacedDrawing,
     begun: Instant,
-    /// Times of the first and the last shown step.
-    flipped: Option<(Instant, Instant)>,
-    processor_ms: f64,
     before: Counters,
     last: Counters,
     host_bytes_peak: u64,
@@ -131,6 +128,16 @@ struct Run<'a> {
     anonymous_peak: u64,
     /// Step of the last frame.
     shown: u32,
+    totals: Totals,
+}
+
+/// Sums and lists since the beginning of the measurement.
+#[derive(Default)]
+struct Totals {
+    /// Times of the first and the last shown step.
+    flipped: Option<(Instant, Instant)>,
+    /// Processor time at the beginning.
+    processor_ms: f64,
     flips: u64,
     uncovered: u32,
     mixed: u32,
@@ -149,31 +156,20 @@ impl<'a> Run<'a> {
             session,
             drawing: PacedDrawing::new(plan.frame_goal),
             begun: Instant::now(),
-            flipped: None,
-            processor_ms: 0.0,
             before: Counters::default(),
             last: Counters::default(),
             host_bytes_peak: 0,
             gpu_bytes_peak: 0,
             anonymous_peak: 0,
             shown: plan.scene.time,
-            flips: 0,
-            uncovered: 0,
-            mixed: 0,
-            quality: 0.0,
-            levels: Vec::new(),
-            jump_ms: Vec::new(),
-            settle_ms: Vec::new(),
-            step_ms: Vec::new(),
-            draw_ms: Vec::new(),
+            totals: Totals::default(),
         }
     }
 
     /// Begins to measure.
     fn begin(&mut self) {
-        (self.before, self.flips, self.uncovered, self.mixed, self.quality) = (self.last, 0, 0, 0, 0.0);
-        (self.flipped, self.levels, self.step_ms, self.draw_ms) = Default::default();
-        (self.begun, self.processor_ms) = (Instant::now(), processor_ms());
+        (self.begun, self.before) = (Instant::now(), self.last);
+        self.totals = Totals { processor_ms: processor_ms(), ..Totals::default() };
     }
 
     fn play(&mut self, scene: &ResolvedScene, playback: Playback) -> Result<(), FlightError> {
@@ -217,8 +213,8 @@ impl<'a> Run<'a> {
                 }
                 frame.status.settled
             })?;
-            self.jump_ms.extend(jump_ms);
-            self.settle_ms.push(ms(begun));
+            self.totals.jump_ms.extend(jump_ms);
+            self.totals.settle_ms.push(ms(begun));
         }
         Ok(())
     }
@@ -251,10 +247,10 @@ impl<'a> Run<'a> {
     fn step(&mut self, scene: &ResolvedScene) -> Result<Frame, FlightError> {
         let begun = Instant::now();
         let frame = self.session.step_resolved(scene)?;
-        self.step_ms.push(ms(begun));
+        self.totals.step_ms.push(ms(begun));
         let is_flip = frame.scene.time != self.shown;
         (self.shown, self.last) = (frame.scene.time, frame.status.counters);
-        self.uncovered += !frame.status.covered as u32;
+        self.totals.uncovered += !frame.status.covered as u32;
         self.host_bytes_peak = frame.status.host_bytes_peak;
         let of_layers = frame.scene.layers.iter().map(|layer| layer.view.time);
         let mut mixed = false;
@@ -262,17 +258,17 @@ impl<'a> Run<'a> {
             for cell in &list.cells {
                 mixed |= cell.brick.time != time;
                 let level = cell.brick.level.index();
-                if self.levels.len() <= level {
-                    self.levels.resize(level + 1, 0);
+                if self.totals.levels.len() <= level {
+                    self.totals.levels.resize(level + 1, 0);
                 }
-                self.levels[level] += is_flip as u64;
+                self.totals.levels[level] += is_flip as u64;
             }
         }
-        self.mixed += mixed as u32;
+        self.totals.mixed += mixed as u32;
         if is_flip {
-            self.flips += 1;
+            self.totals.flips += 1;
             let now = Instant::now();
-            self.flipped = Some((self.flipped.map_or(now, |(first, _)| first), now));
+            self.totals.flipped = Some((self.totals.flipped.map_or(now, |(first, _)| first), now));
             self.gpu_bytes_peak = self.gpu_bytes_peak.max(self.session.backend_bytes());
             self.anonymous_peak = self.anonymous_peak.max(ProcessMemory::now().anonymous_bytes);
         }
@@ -285,24 +281,24 @@ impl<'a> Run<'a> {
         }
         let begun = Instant::now();
         let quality = self.drawing.draw(self.session, frame)?;
-        self.draw_ms.push(ms(begun));
-        self.quality += quality.share();
+        self.totals.draw_ms.push(ms(begun));
+        self.totals.quality += quality.share();
         Ok(())
     }
 
     fn report(&self, options: &SessionOptions) -> PlayReport {
         let seconds = self.begun.elapsed().as_secs_f64();
-        let processor_ms = processor_ms() - self.processor_ms;
+        let processor_ms = processor_ms() - self.totals.processor_ms;
         let Tally { late, dropped, .. } = self.session.playback_tally();
-        let shown = self.flips;
+        let shown = self.totals.flips;
         let per_step = |total: f64| total / shown.max(1) as f64;
         let grown = |of: fn(&Counters) -> u64| of(&self.last) - of(&self.before);
         let bytes = |of: fn(&Counters) -> u64| per_step(grown(of) as f64) as u64;
-        let cells: u64 = self.levels.iter().sum();
-        let draw_share = self.draw_ms.iter().sum::<f64>() / (seconds * 1e3);
+        let cells: u64 = self.totals.levels.iter().sum();
+        let draw_share = self.totals.draw_ms.iter().sum::<f64>() / (seconds * 1e3);
         let processor_share = processor_ms / (seconds * 1e3 * options.threads.max(1) as f64);
         let asked = self.plan.playback.map_or(f64::INFINITY, |playback| playback.steps_per_second);
-        let (first, last) = self.flipped.unwrap_or((self.begun, self.begun));
+        let (first, last) = self.totals.flipped.unwrap_or((self.begun, self.begun));
         let steps_per_second = shown.saturating_sub(1) as f64 / (last - first).as_secs_f64().max(1e-9);
         PlayReport {
             adapter: self.session.backend_line().into(),
@@ -314,15 +310,15 @@ impl<'a> Run<'a> {
             shown,
             late,
             dropped,
-            uncovered: self.uncovered,
-            mixed: self.mixed,
-            frames: self.draw_ms.len() as u32,
-            quality: self.quality / self.draw_ms.len().max(1) as f64,
-            levels: self.levels.iter().map(|count| *count as f64 / cells.max(1) as f64).collect(),
-            jump_ms: Percentiles::of(&self.jump_ms),
-            settle_ms: Percentiles::of(&self.settle_ms),
-            step_ms: Percentiles::of(&self.step_ms),
-            draw_ms: Percentiles::of(&self.draw_ms),
+            uncovered: self.totals.uncovered,
+            mixed: self.totals.mixed,
+            frames: self.totals.draw_ms.len() as u32,
+            quality: self.totals.quality / self.totals.draw_ms.len().max(1) as f64,
+            levels: self.totals.levels.iter().map(|count| *count as f64 / cells.max(1) as f64).collect(),
+            jump_ms: Percentiles::of(&self.totals.jump_ms),
+            settle_ms: Percentiles::of(&self.totals.settle_ms),
+            step_ms: Percentiles::of(&self.totals.step_ms),
+            draw_ms: Percentiles::of(&self.totals.draw_ms),
             processor_ms_per_step: per_step(processor_ms),
             decoded_per_step: per_step(grown(|counters| counters.decoded) as f64),
             shared_per_step: per_step(grown(|counters| counters.shared) as f64),

@@ -103,10 +103,7 @@ impl Setting {
                 DVec3::from_array(std::array::from_fn(|a| random_unit(self.seed, point as u64 * 8 + what + a as u64)));
             (low + high) * 0.5 + (unit - 0.5) * (high - low) * reach
         };
-        let along = |what: u64, reach: f64| {
-            let points = [0, 1, 2, 3].map(|i| place(leg + i, what, reach));
-            catmull_rom(points, t)
-        };
+        let along = |what: u64, reach: f64| catmull_rom([0, 1, 2, 3].map(|i| place(leg + i, what, reach)), t);
         // Eyes are at most the box's half size outside; their targets are inside.
         let (eye, target) = (along(0, 2.0), along(3, 0.8));
         Camera { eye, target, ..self.camera }

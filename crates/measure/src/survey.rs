@@ -88,6 +88,17 @@ impl Row {
     }
 }
 
+/// Items without repetition, in the order of their first appearance.
+fn distinct<T: PartialEq>(items: impl Iterator<Item = T>) -> Vec<T> {
+    let mut found = Vec::new();
+    for item in items {
+        if !found.contains(&item) {
+            found.push(item);
+        }
+    }
+    found
+}
+
 /// Error that ends a survey.
 #[derive(Debug, thiserror::Error)]
 pub enum SurveyError {

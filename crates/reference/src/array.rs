@@ -17,14 +17,8 @@ pub struct Array {
 impl Array {
     /// Builds a level from a function of its integer voxel coordinates.
     pub fn from_fn(grid: &LevelGrid, value: impl Fn([u32; 3]) -> f64) -> Self {
-        let e = grid.extent;
-        let mut values = Vec::with_capacity(e.volume() as usize);
-        for z in 0..e.z {
-            for y in 0..e.y {
-                values.extend((0..e.x).map(|x| value([x, y, z])));
-            }
-        }
-        Self { extent: e, factor: grid.factor, values }
+        let LevelGrid { extent, factor, .. } = *grid;
+        Self { extent, factor, values: extent.full_box().voxels().map(value).collect() }
     }
 
     /// Builds a level from its little-endian voxels, x fastest. Infinite values and voxels of the value `nodata` are

@@ -41,8 +41,7 @@ pub struct ReferenceVolume<'a> {
 /// # Panics
 /// If there is no frame, the numbers of volumes and frames differ, or a volume has no level.
 pub fn render(frames: &[VolumeFrame], volumes: &[ReferenceVolume<'_>], combination: Option<&Combination>) -> Picture {
-    let ViewRays { width, height, .. } = frames[0].settings.rays;
-    Picture { width, height, rgb: pixels(frames, volumes, combination).collect() }
+    render_while(frames, volumes, combination, || true).expect("it goes on")
 }
 
 /// Renders a picture like [`render`] while `goes_on`, called at each pixel, returns true; `None` once it returns false.
@@ -56,19 +55,10 @@ pub fn render_while(
     goes_on: impl Fn() -> bool,
 ) -> Option<Picture> {
     let ViewRays { width, height, .. } = frames[0].settings.rays;
-    let rgb = pixels(frames, volumes, combination).map(|pixel| goes_on().then_some(pixel)).collect::<Option<_>>()?;
+    let color = |x, y| Picture::quantise(pixel(frames, volumes, combination, x, y).map(|channel| channel as f32));
+    let places = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
+    let rgb = places.map(|(x, y)| goes_on().then(|| color(x, y))).collect::<Option<_>>()?;
     Some(Picture { width, height, rgb })
-}
-
-/// The picture's pixels, row by row, rendered lazily.
-fn pixels<'a>(
-    frames: &'a [VolumeFrame],
-    volumes: &'a [ReferenceVolume<'_>],
-    combination: Option<&'a Combination>,
-) -> impl Iterator<Item = [u8; 3]> + 'a {
-    let ViewRays { width, height, .. } = frames[0].settings.rays;
-    let places = (0..height).flat_map(move |y| (0..width).map(move |x| (x, y)));
-    places.map(move |(x, y)| Picture::quantise(pixel(frames, volumes, combination, x, y).map(|channel| channel as f32)))
 }
 
 /// Returns the display-referred RGB colour of the pixel in column `x` and row `y`: from back to front, slabs of the

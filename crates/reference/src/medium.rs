@@ -64,7 +64,8 @@ impl Field<'_> {
     pub(crate) fn shade(&self, color: DVec3, differences: DVec3, t: f64) -> DVec3 {
         let Ray { origin, direction } = self.path.world;
         let factor = DVec3::from_array(self.level.factor.map(f64::from));
-        let normal = turned(self.path, self.cut, factor, self.normal(differences), t);
+        let normal = self.gradient(differences).map(DVec3::normalize);
+        let normal = turned(self.path, self.cut, factor, normal, t);
         self.lighting.shade(color, normal, direction, origin + direction * t)
     }
 
@@ -165,11 +166,6 @@ impl Field<'_> {
             Gradient::Sobel => DVec3::from_array([0, 1, 2].map(smoothed)),
             Gradient::Stored => self.level.stored_differences(self.path.at(t)),
         }
-    }
-
-    /// The unit vector along the gradient in the scene's world; `None` where the field is flat.
-    fn normal(&self, differences: DVec3) -> Option<DVec3> {
-        self.gradient(differences).map(DVec3::normalize)
     }
 
     /// The gradient in the scene's world from differences across two voxels; `None` where the field is flat.

@@ -2,6 +2,7 @@
 //! wrong or black; such scenes are refused. Found by comparing all renderers with the oracle (`tests/bounds.rs`); within them pictures agree.
 
 use crate::camera::ViewRays;
+use crate::ensure::ensure;
 use crate::geometry::{Geometry, box_corners};
 use crate::numbers::significant;
 use crate::placement::Placement;
@@ -93,25 +94,17 @@ impl Standing<'_> {
     pub fn check(&self, rays: &ViewRays, step: f64) -> Result<(), ReachError> {
         let Self { geometry, extent, placement } = *self;
         let voxel = placement.voxel_size(geometry, extent);
-        if !VOXEL_SIZES.contains(&voxel) {
-            return Err(ReachError::VoxelSize(voxel));
-        }
+        ensure(VOXEL_SIZES.contains(&voxel), || ReachError::VoxelSize(voxel))?;
         let world_box = placement.world_box(geometry.world_box(extent));
         let from_origin = world_box.0.abs().max(world_box.1.abs()).max_element() / voxel;
-        if !(0.0..=FARTHEST_FROM_ORIGIN).contains(&from_origin) {
-            return Err(ReachError::Origin(from_origin));
-        }
+        ensure((0.0..=FARTHEST_FROM_ORIGIN).contains(&from_origin), || ReachError::Origin(from_origin))?;
         let sides = DVec3::from_array(extent.to_array().map(f64::from));
         let eye = geometry.voxel_from_world(placement.volume_from_world(rays.eye));
         let voxels = (eye - sides * 0.5).abs().max_element();
         let most = FARTHEST_VOXELS.max(FARTHEST_SIDES * sides.max_element());
-        if !(0.0..=most).contains(&voxels) {
-            return Err(ReachError::Eye { voxels, most });
-        }
+        ensure((0.0..=most).contains(&voxels), || ReachError::Eye { voxels, most })?;
         let height = 2.0 * rays.up.length() / voxel;
-        if rays.orthographic && height < LEAST_HEIGHT {
-            return Err(ReachError::Height(height));
-        }
+        ensure(!(rays.orthographic && height < LEAST_HEIGHT), || ReachError::Height(height))?;
         let farthest = box_corners(world_box).into_iter().map(|corner| corner.distance(rays.eye)).fold(0.0, f64::max);
         let steps = farthest / step;
         if steps > MOST_STEPS { Err(ReachError::Steps(steps)) } else { Ok(()) }

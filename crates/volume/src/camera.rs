@@ -1,9 +1,11 @@
 //! The camera: its place, the ray of every pixel, the world size of a pixel, and the frustum.
 
+use crate::ensure::ensure;
 use crate::geometry::box_corners;
 use crate::numbers::exact;
 use crate::placement::Placement;
 use crate::ray::Ray;
+use Projection::{Orthographic, Perspective};
 use glam::{DMat3, DQuat, DVec2, DVec3};
 use serde::{Deserialize, Serialize};
 
@@ -86,7 +88,7 @@ impl Camera {
         let radius = (high - low).length() * 0.5;
         let fov_y_deg = 30.0f64;
         let distance = radius / (fov_y_deg * 0.5).to_radians().sin();
-        Self { eye: centre + from * distance, target: centre, up, projection: Projection::Perspective { fov_y_deg } }
+        Self { eye: centre + from * distance, target: centre, up, projection: Perspective { fov_y_deg } }
     }
 
     /// Moves a perspective camera along its view until the box just fits into a picture of this size, with a margin; other cameras are unchanged. A
@@ -96,7 +98,7 @@ impl Camera {
         /// Share of the picture for the box, along each side.
         const FILLED: f64 = 0.94;
         let (width, height) = size_px;
-        let (Projection::Perspective { .. }, Ok(rays)) = (self.projection, self.rays(width.min(height), height)) else {
+        let (Perspective { .. }, Ok(rays)) = (self.projection, self.rays(width.min(height), height)) else {
             return *self;
         };
         let needed = box_corners(world_box).into_iter().map(|corner| {
@@ -123,16 +125,13 @@ impl Camera {
     pub fn between(&self, other: &Self, t: f64) -> Result<Self, CameraError> {
         let mix = |from: f64, to: f64| from * (to / from).powf(t);
         let projection = match (self.projection, other.projection) {
-            (Projection::Perspective { fov_y_deg: from }, Projection::Perspective { fov_y_deg: to }) => {
-                Projection::Perspective { fov_y_deg: mix(from, to) }
+            (Perspective { fov_y_deg: from }, Perspective { fov_y_deg: to }) => {
+                Perspective { fov_y_deg: mix(from, to) }
             }
-            (Projection::Orthographic { height: from }, Projection::Orthographic { height: to }) => {
-                Projection::Orthographic { height: mix(from, to) }
-            }
+            (Orthographic { height: from }, Orthographic { height: to }) => Orthographic { height: mix(from, to) },
             _ => {
-                return Err(CameraError::Projection(
-                    "a perspective and an orthographic view cannot be mixed: give all cameras one kind".into(),
-                ));
+                let problem = "a perspective and an orthographic view cannot be mixed: give all cameras one kind";
+                return Err(CameraError::Projection(problem.into()));
             }
         };
         let turn = self.turn()?.slerp(other.turn()?, t);
@@ -153,9 +152,7 @@ impl Camera {
     /// If the picture has no pixel, eye and target give no direction, up is zero or along the view, or the projection's angle or height is out of
     /// range.
     pub fn rays(&self, width: u32, height: u32) -> Result<ViewRays, CameraError> {
-        if width == 0 || height == 0 {
-            return Err(CameraError::Size(width, height));
-        }
+        ensure(width > 0 && height > 0, || CameraError::Size(width, height))?;
         let forward = (self.target - self.eye).try_normalize();
         let forward = forward.filter(|_| self.eye.is_finite() && self.target.is_finite());
         let forward = forward.ok_or(CameraError::NoDirection { eye: self.eye, target: self.target })?;
@@ -164,24 +161,19 @@ impl Camera {
         let right = right.try_normalize().filter(|_| right.length() > 1e-6).ok_or(CameraError::Up(self.up))?;
         let up = right.cross(forward);
         let half_height = match self.projection {
-            Projection::Perspective { fov_y_deg } if (LEAST_FOV_DEG..180.0).contains(&fov_y_deg) => {
-                (fov_y_deg * 0.5).to_radians().tan()
+            Perspective { fov_y_deg } if (LEAST_FOV_DEG..180.0).contains(&fov_y_deg) => {
+                Ok((fov_y_deg * 0.5).to_radians().tan())
             }
-            Projection::Orthographic { height } if height > 0.0 && height.is_finite() => height * 0.5,
-            Projection::Perspective { fov_y_deg } => {
-                return Err(CameraError::Projection(format!(
-                    "a field of view of {}: expected degrees, from {LEAST_FOV_DEG} to less than 180",
-                    exact(fov_y_deg, false)
-                )));
+            Orthographic { height } if height > 0.0 && height.is_finite() => Ok(height * 0.5),
+            Perspective { fov_y_deg } => {
+                let fov = exact(fov_y_deg, false);
+                Err(format!("a field of view of {fov}: expected degrees, from {LEAST_FOV_DEG} to less than 180"))
             }
-            Projection::Orthographic { height } => {
-                return Err(CameraError::Projection(format!(
-                    "an orthographic height of {height}: expected a positive one"
-                )));
-            }
+            Orthographic { height } => Err(format!("an orthographic height of {height}: expected a positive one")),
         };
+        let half_height = half_height.map_err(CameraError::Projection)?;
         let half_width = half_height * width as f64 / height as f64;
-        let orthographic = matches!(self.projection, Projection::Orthographic { .. });
+        let orthographic = matches!(self.projection, Orthographic { .. });
         Ok(ViewRays {
             eye: self.eye,
             forward,

@@ -5,6 +5,7 @@
 //! depends on clipping. The pager leaves out bricks wholly outside. Clipping costs a few products per ray and plane. On a GPU
 //! `shaders/wgsl/shared/ray.wgsl` (`shown`) does the same.
 
+use crate::ensure::ensure;
 use crate::geometry::Geometry;
 use crate::lattice::Lattice;
 use crate::mode::Mode;
@@ -92,15 +93,10 @@ impl Clip {
     /// # Errors
     /// If the box is empty or not finite, a plane cannot be normalised, or there are more than [`MAX_PLANES`] planes.
     pub fn new(corners: Option<[DVec3; 2]>, planes: &[ClipPlane]) -> Result<Self, ClipError> {
-        if let Some([low, high]) = corners
-            && !(low.is_finite() && high.is_finite() && low.cmplt(high).all())
-        {
-            return Err(ClipError::Box { low, high });
-        }
-        if planes.len() > MAX_PLANES {
-            return Err(ClipError::Planes(planes.len()));
-        }
         let [low, high] = corners.unwrap_or([DVec3::NEG_INFINITY, DVec3::INFINITY]);
+        let is_box = low.is_finite() && high.is_finite() && low.cmplt(high).all();
+        ensure(corners.is_none() || is_box, || ClipError::Box { low, high })?;
+        ensure(planes.len() <= MAX_PLANES, || ClipError::Planes(planes.len()))?;
         let planes = planes.iter().map(ClipPlane::normalized).collect::<Result<_, _>>()?;
         Ok(Self { low, high, planes })
     }
@@ -128,12 +124,11 @@ impl Clip {
             [ClipPlane { point: clip.low, normal: axis }, ClipPlane { point: clip.high, normal: -axis }]
         });
         let planes = clip.planes.iter().copied().chain(sides.filter(|_| is_bounded));
-        own.planes = planes
-            .map(|ClipPlane { point, normal }| ClipPlane {
-                point: placement.volume_from_world(point),
-                normal: placement.volume_normal(normal),
-            })
-            .collect();
+        let placed = |ClipPlane { point, normal }| ClipPlane {
+            point: placement.volume_from_world(point),
+            normal: placement.volume_normal(normal),
+        };
+        own.planes = planes.map(placed).collect();
         Ok(Some(own))
     }
 
@@ -194,11 +189,8 @@ impl Clip {
     /// Whether a side of the clip box or a plane meets the box from `low` to `high`.
     pub fn cuts_box(&self, low: DVec3, high: DVec3) -> bool {
         let corner = |plane: &ClipPlane, is_far: bool| {
-            DVec3::select(
-                plane.normal.cmpge(DVec3::ZERO),
-                if is_far { high } else { low },
-                if is_far { low } else { high },
-            )
+            let (along, against) = if is_far { (high, low) } else { (low, high) };
+            DVec3::select(plane.normal.cmpge(DVec3::ZERO), along, against)
         };
         let side = |side: DVec3| (side.cmpge(low) & side.cmple(high)).any();
         let is_cut =
@@ -206,19 +198,13 @@ impl Clip {
         side(self.low) || side(self.high) || self.planes.iter().any(is_cut)
     }
 
-    /// Whether the clip may cut a segment of a ray from the scene's `eye` with its middle in the box from `low` to `high`. The segment belongs to the
+    /// Whether the clip may cut a segment of a ray from the scene's `eye` with its middle in the box `own`. The segment belongs to the
     /// box even if the clip misses the box itself. `placement` belongs to the clip's world.
-    pub fn cuts_segments(
-        &self,
-        (low, high): (DVec3, DVec3),
-        lattice: &Lattice,
-        placement: &Placement,
-        eye: DVec3,
-    ) -> bool {
-        let (nearest, farthest) = placement.world_box((low, high));
+    pub fn cuts_segments(&self, own: (DVec3, DVec3), lattice: &Lattice, placement: &Placement, eye: DVec3) -> bool {
+        let (nearest, farthest) = placement.world_box(own);
         let (_, least_stretch) = placement.stretches();
         let reach = lattice.reach((eye - nearest).abs().max((eye - farthest).abs()).length()) / least_stretch;
-        self.cuts_box(low - reach, high + reach)
+        self.cuts_box(own.0 - reach, own.1 + reach)
     }
 
     /// Shortens a ray's stretch `(from, to)` to the inner sides of all planes, ignoring the clip box; an empty stretch ends where it begins, or

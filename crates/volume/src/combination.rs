@@ -6,7 +6,7 @@
 //! own gradients in the scene's world, each taken where its volume is read. A volume with a flat field there counts as constant.
 
 use crate::expression::{Expression, Range};
-use crate::slot_encoding::{SlotEncoding, SlotFormat};
+use crate::slot_encoding::SlotEncoding;
 use crate::transfer::{TransferFunction, TransferTable};
 use crate::voxel_type::VoxelType;
 use glam::{DVec3, Vec3};
@@ -30,20 +30,7 @@ impl Combination {
         let (low, high) = transfer.span();
         // With one point or none, all values look alike.
         let (low, high) = if low < high { (low, high) } else { (low.min(0.0), low.min(0.0) + 1.0) };
-        let encoding = SlotEncoding {
-            voxel_type: VoxelType::F32,
-            format: SlotFormat::U16,
-            low,
-            high,
-            has_invalid: false,
-            floats: None,
-            nodata: None,
-            is_labels: false,
-            is_hashed: false,
-            table_codes: [0, u16::MAX],
-            spread_codes: f64::from(u16::MAX),
-            enough_width: 0.0,
-        };
+        let encoding = SlotEncoding::new(VoxelType::F32, (low, high), false);
         let table = TransferTable::new(&transfer, &encoding);
         Self { expression, transfer, table, encoding }
     }
@@ -86,12 +73,8 @@ impl Combination {
         };
         let is_shown = |edge: usize| edge > 0 && parts[edge - 1] || edge < PARTS && parts[edge];
         let point = |edge: usize| [low + width * edge as f64, is_shown(edge) as u8 as f64];
-        TransferFunction {
-            color: vec![[0.0, 1.0, 1.0, 1.0]],
-            opacity: if has_parts { (0..=PARTS).map(point).collect() } else { vec![[0.0, 1.0]] },
-            unit_distance: self.transfer.unit_distance,
-            ..TransferFunction::default()
-        }
+        let opacity = if has_parts { (0..=PARTS).map(point).collect() } else { vec![[0.0, 1.0]] };
+        TransferFunction::new(vec![[0.0, 1.0, 1.0, 1.0]], opacity, self.transfer.unit_distance)
     }
 
     /// Whether the expression may show anything with a volume's values in one part of its window, widened by one part to each side: by more

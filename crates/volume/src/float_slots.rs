@@ -144,9 +144,7 @@ impl Window {
             is_by_gradient: transfer.is_by_gradient(),
         })
     }
-}
 
-impl Window {
     /// Values of an f32 slots' transfer table: the function's, since surfaces are found in the field itself, unless isovalues lie beyond the slots
     /// about them.
     fn of_table(&self) -> [f64; 2] {
@@ -194,10 +192,8 @@ impl SlotEncoding {
         let is_narrow = width < few || 2.0 * width < self.spread_codes || is_thin;
         let first = (low.floor() - 1.0).clamp(0.0, most - 1.0);
         let last = (high.ceil() + 1.0).clamp(first + 1.0, most);
-        match is_narrow && !self.is_labels {
-            true => Self { table_codes: [first as u16, last as u16], ..self },
-            false => self,
-        }
+        let table_codes = if is_narrow && !self.is_labels { [first as u16, last as u16] } else { self.table_codes };
+        Self { table_codes, ..self }
     }
 
     /// Encodes a channel for an expression, which may transform values in any way: f32 slots for 32-bit types. If all of a channel's integers are
@@ -207,19 +203,14 @@ impl SlotEncoding {
             return self.with_table_over_codes(Window::of(window));
         }
         let window = self.widened(window);
-        let base = self.base_of_all();
+        let nearest = 0.0f64.clamp(self.low, self.high).round();
+        let base = if nearest.abs() > GREATEST_WHOLE && self.voxel_type != VoxelType::F32 { nearest } else { 0.0 };
         let holds_all = |floats: &FloatSlots| floats.base == base && floats.limits == ALL;
         let is_it = |floats: &FloatSlots| holds_all(floats) && floats.suffice(VoxelType::F32, window, self.spread());
         let anew = || FloatSlots { base, limits: ALL, ..FloatSlots::about(VoxelType::F32, window, self.spread()) };
         let floats = kept.floats.filter(is_it).unwrap_or_else(anew);
         let width = code_width((self.low - base).abs().max((self.high - base).abs()));
         self.over(floats, 0.0, width)
-    }
-
-    /// The base of slots for all values of a channel.
-    fn base_of_all(&self) -> f64 {
-        let nearest = 0.0f64.clamp(self.low, self.high).round();
-        if nearest.abs() > GREATEST_WHOLE && self.voxel_type != VoxelType::F32 { nearest } else { 0.0 }
     }
 
     /// The channel's values as renderers read them from these slots for an expression: as f32 if `are_single`, or as distances from a base.

@@ -70,16 +70,12 @@ impl Foreground {
                 body: value(classes[1].mean),
                 has_background: true,
             },
-            false => Self::of_upper_half(value(bin_at(0.5)? as f64 + 0.5), value(last as f64 + 1.0)),
+            false => Self::of_window((value(bin_at(0.5)? as f64 + 0.5), value(last as f64 + 1.0))),
         })
     }
 
     /// Returns the foreground of a field known only by its window: all of it.
     pub fn of_window((low, high): (f64, f64)) -> Self {
-        Self::of_upper_half(low, high)
-    }
-
-    fn of_upper_half(low: f64, high: f64) -> Self {
         Self { low, surface: low + (high - low) / 2.0, body: high, has_background: false }
     }
 }

@@ -65,13 +65,13 @@ const PLACES: usize = BLUE_EDGE * BLUE_EDGE;
 fn void_and_cluster() -> Mask {
     let mut pattern = Pattern::new();
     let first: Vec<usize> = (0..PLACES).filter(|&place| mix(place as u32) < u32::MAX / 10).collect();
-    first.iter().for_each(|&place| pattern.put(place));
+    first.iter().for_each(|&place| pattern.flip(place));
     // The first ones change places until they are even.
     loop {
         let crowded = pattern.most_crowded();
-        pattern.take(crowded);
+        pattern.flip(crowded);
         let empty = pattern.emptiest();
-        pattern.put(empty);
+        pattern.flip(empty);
         if empty == crowded {
             break;
         }
@@ -80,13 +80,13 @@ fn void_and_cluster() -> Mask {
     let even = pattern.clone();
     for rank in (0..first.len()).rev() {
         let place = pattern.most_crowded();
-        pattern.take(place);
+        pattern.flip(place);
         ranks[place] = rank;
     }
     pattern = even;
     for rank in first.len()..PLACES {
         let place = pattern.emptiest();
-        pattern.put(place);
+        pattern.flip(place);
         ranks[place] = rank;
     }
     ranks.map(|rank| (rank * STEPS as usize / PLACES) as u8)
@@ -113,17 +113,10 @@ impl Pattern {
         Self { is_taken: [false; PLACES], crowd: [0; PLACES], kernel }
     }
 
-    fn put(&mut self, place: usize) {
-        self.is_taken[place] = true;
-        self.change(place, u32::wrapping_add);
-    }
-
-    fn take(&mut self, place: usize) {
-        self.is_taken[place] = false;
-        self.change(place, u32::wrapping_sub);
-    }
-
-    fn change(&mut self, place: usize, change: impl Fn(u32, u32) -> u32) {
+    /// Takes a free pixel, or frees a taken one.
+    fn flip(&mut self, place: usize) {
+        self.is_taken[place] ^= true;
+        let change = if self.is_taken[place] { u32::wrapping_add } else { u32::wrapping_sub };
         let (x, y) = (place % BLUE_EDGE, place / BLUE_EDGE);
         for (i, crowd) in self.crowd.iter_mut().enumerate() {
             let right = (i + BLUE_EDGE - x) % BLUE_EDGE;

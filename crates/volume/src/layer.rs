@@ -2,6 +2,7 @@
 //! copy of the points.
 
 use crate::compositing::Blend;
+use crate::ensure::ensure;
 use crate::labels::{LabelCodes, LabelLook};
 use crate::placement::Placement;
 use crate::scene_error::LayerError;
@@ -87,9 +88,7 @@ impl SceneLayer {
         };
         if self.window.is_some() && self.transfer.as_ref().is_some_and(|choice| !choice.spans_window()) {
             let (low, high) = function.span();
-            if low >= high {
-                return Err(LayerError::Flat(low));
-            }
+            ensure(low < high, || LayerError::Flat(low))?;
             function = function.stretched((low, high), window);
         }
         if subject.is_labels {
@@ -99,10 +98,9 @@ impl SceneLayer {
         match self.color {
             Some([r, g, b]) if is_automatic => {
                 // A body in this colour.
-                function
-                    .color
-                    .iter_mut()
-                    .for_each(|point| *point = [point[0], point[1] * r, point[2] * g, point[3] * b]);
+                for point in &mut function.color {
+                    *point = [point[0], point[1] * r, point[2] * g, point[3] * b];
+                }
             }
             Some([r, g, b]) => function.color = vec![[window.0, 0.0, 0.0, 0.0], [window.1, r, g, b]],
             None => {}

@@ -17,6 +17,7 @@ pub mod combination;
 pub mod compositing;
 pub mod counted;
 mod cut_face;
+mod ensure;
 mod enum_all;
 pub mod expression;
 pub mod extremes;

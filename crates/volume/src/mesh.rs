@@ -7,6 +7,7 @@
 //!
 //! Nothing clips a mesh: box, planes and slices are cuts of the volume. Both sides of a triangle are shown, lit from the eye.
 
+use crate::ensure::ensure;
 use crate::lighting::headlight;
 use crate::ray::Ray;
 use glam::DVec3;
@@ -81,16 +82,11 @@ impl Mesh {
         colors: Vec<[u8; 3]>,
     ) -> Result<Self, MeshError> {
         let vertices = positions.len();
-        if triangles.is_empty() {
-            return Err(MeshError::Empty);
-        }
-        if vertices.saturating_add(triangles.len()) >= 1 << 31 {
-            return Err(MeshError::TooLarge(vertices.saturating_add(triangles.len())));
-        }
+        let numbers = vertices.saturating_add(triangles.len());
+        ensure(!triangles.is_empty(), || MeshError::Empty)?;
+        ensure(numbers < 1 << 31, || MeshError::TooLarge(numbers))?;
         for (what, found) in [("normals", normals.len()), ("colours", colors.len())] {
-            if found != 0 && found != vertices {
-                return Err(MeshError::Count { what, found, vertices });
-            }
+            ensure(found == 0 || found == vertices, || MeshError::Count { what, found, vertices })?;
         }
         for (what, all) in [("position", &positions), ("normal", &normals)] {
             if let Some(vertex) = all.iter().position(|v| v.iter().any(|x| !x.is_finite())) {
@@ -135,8 +131,8 @@ impl Mesh {
 
     /// Size in memory, in bytes.
     pub fn bytes(&self) -> u64 {
-        let vertex = |bytes: usize, len: usize| (bytes * len) as u64;
-        vertex(12, self.positions.len() + self.triangles.len() + self.normals.len()) + vertex(3, self.colors.len())
+        let triples = self.positions.len() + self.triangles.len() + self.normals.len();
+        (12 * triples + 3 * self.colors.len()) as u64
     }
 }
 
@@ -147,7 +143,6 @@ pub struct MeshLook {
     /// The mesh's file.
     pub path: PathBuf,
     /// Colour of the mesh, display-referred, in 0..=1; `None` is the file's, or [`PLAIN_COLOR`].
-    #[serde(default)]
     pub color: Option<[f64; 3]>,
     /// Opacity of the mesh, from 0 (not there) to 1 (opaque).
     #[serde(default = "opaque")]
@@ -180,14 +175,13 @@ impl MeshLook {
     /// If the colour or the opacity is not in 0..=1, or the file has not been read.
     pub fn shown(&self) -> Result<ShownMesh, MeshLookError> {
         let path = || self.path.clone();
-        if let Some(color) = self.color.filter(|c| !c.iter().all(|v| (0.0..=1.0).contains(v))) {
+        let &Self { color, opacity, lit, .. } = self;
+        if let Some(color) = color.filter(|c| !c.iter().all(|v| (0.0..=1.0).contains(v))) {
             return Err(MeshLookError::Color { path: path(), color });
         }
-        if !(0.0..=1.0).contains(&self.opacity) {
-            return Err(MeshLookError::Opacity { path: path(), opacity: self.opacity });
-        }
+        ensure((0.0..=1.0).contains(&opacity), || MeshLookError::Opacity { path: path(), opacity })?;
         let mesh = self.mesh.clone().ok_or_else(|| MeshLookError::NotRead(path()))?;
-        Ok(ShownMesh { mesh, color: self.color, opacity: self.opacity, lit: self.lit })
+        Ok(ShownMesh { mesh, color, opacity, lit })
     }
 }
 
@@ -286,30 +280,25 @@ pub struct Layer {
 /// ray through the common edge of two triangles, on two sides of it, meets just one of them.
 pub fn hit(corners: [DVec3; 3], ray: &Ray) -> Option<(f64, [f64; 3])> {
     let [a, b, c] = corners.map(|corner| corner - ray.origin);
-    let [of_a, of_b, of_c] = [(b, c), (c, a), (a, b)].map(|(from, to)| side(from, to, ray.direction));
-    if of_a.is_positive != of_b.is_positive || of_b.is_positive != of_c.is_positive {
+    let sides = [(b, c), (c, a), (a, b)].map(|(from, to)| side(from, to, ray.direction));
+    let [(of_a, is_past_a), (of_b, is_past_b), (of_c, is_past_c)] = sides;
+    if is_past_a != is_past_b || is_past_b != is_past_c {
         return None;
     }
-    let sum = of_a.height + of_b.height + of_c.height;
-    let weights = [of_a, of_b, of_c].map(|side| side.height / sum);
+    let sum = of_a + of_b + of_c;
+    let weights = [of_a, of_b, of_c].map(|height| height / sum);
     let t = (a * weights[0] + b * weights[1] + c * weights[2]).dot(ray.direction);
     // A triangle without area has a sum of 0, and no distance.
     (t > 0.0 && t.is_finite()).then_some((t, weights))
 }
 
-/// The side of an edge on which a ray from the origin passes, and its distance, times the triangle's size.
-#[derive(Clone, Copy)]
-struct Side {
-    height: f64,
-    is_positive: bool,
-}
-
-/// Computed in the same order for both directions of an edge, so both of its triangles get the same number but for the sign.
-fn side(from: DVec3, to: DVec3, direction: DVec3) -> Side {
+/// The distance of a ray from the origin to an edge, times the triangle's size, and whether it passes on the positive side. Computed
+/// in the same order for both directions of an edge, so both of its triangles get the same number but for the sign.
+fn side(from: DVec3, to: DVec3, direction: DVec3) -> (f64, bool) {
     let is_turned = from.to_array() > to.to_array();
     let (low, high) = if is_turned { (to, from) } else { (from, to) };
     let height = direction.dot(low.cross(high));
-    Side { height: if is_turned { -height } else { height }, is_positive: (height >= 0.0) != is_turned }
+    (if is_turned { -height } else { height }, (height >= 0.0) != is_turned)
 }
 
 /// The total size of meshes, for which a renderer makes room.

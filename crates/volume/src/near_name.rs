@@ -4,10 +4,8 @@
 pub fn hint<'a>(name: &str, known: impl Iterator<Item = &'a str>) -> String {
     let lower = name.to_lowercase();
     let nearest = known.map(|k| (edits(&lower, &k.to_lowercase()), k)).min();
-    match nearest.filter(|(edits, k)| 2 * edits <= k.chars().count()) {
-        Some((_, nearest)) => format!(", did you mean '{nearest}'?"),
-        None => String::new(),
-    }
+    let near = nearest.filter(|(edits, k)| 2 * edits <= k.chars().count());
+    near.map_or(String::new(), |(_, k)| format!(", did you mean '{k}'?"))
 }
 
 /// Letters to insert, remove or replace to turn one word into the other (Levenshtein's distance).

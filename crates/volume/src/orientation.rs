@@ -2,7 +2,7 @@
 //! (RAS), in the unit of the volume's spacing. Readers of NIfTI and DICOM fill it, stores keep it, and scenes use this world, so volumes of one
 //! patient meet, and left is left. Made once for a volume; costs nothing per picture.
 
-use crate::geometry::Geometry;
+use crate::geometry::{Geometry, box_corners};
 use crate::placement::{Placement, PlacementError};
 use crate::space::Extent;
 use glam::{DAffine3, DMat3, DVec3};
@@ -72,8 +72,7 @@ impl Orientation {
         let last = DVec3::from_array(extent.to_array().map(|n| f64::from(n) - 1.0));
         let least_step = (0..3).map(|axis| self.step(axis).length()).fold(f64::INFINITY, f64::min);
         // Maps are affine, so they differ most at a corner.
-        (0..8).all(|corner: usize| {
-            let at = DVec3::from_array(std::array::from_fn(|axis| last[axis] * f64::from((corner >> axis & 1) as u32)));
+        box_corners((DVec3::ZERO, last)).into_iter().all(|at| {
             let off = self.0.world_from_volume(at) - other.0.world_from_volume(at);
             off.length() <= 0.01 * least_step
         })
@@ -151,16 +150,21 @@ impl Side {
         Self::ALL.into_iter().max_by(|a, b| along(a).total_cmp(&along(b))).expect("there are six sides")
     }
 
+    /// The side's unit vector, letter and name.
+    const fn facts(self) -> (DVec3, char, &'static str) {
+        match self {
+            Self::Right => (DVec3::X, 'R', "right"),
+            Self::Left => (DVec3::NEG_X, 'L', "left"),
+            Self::Anterior => (DVec3::Y, 'A', "anterior"),
+            Self::Posterior => (DVec3::NEG_Y, 'P', "posterior"),
+            Self::Superior => (DVec3::Z, 'S', "superior"),
+            Self::Inferior => (DVec3::NEG_Z, 'I', "inferior"),
+        }
+    }
+
     /// The unit vector to the side.
     pub fn direction(self) -> DVec3 {
-        match self {
-            Self::Right => DVec3::X,
-            Self::Left => DVec3::NEG_X,
-            Self::Anterior => DVec3::Y,
-            Self::Posterior => DVec3::NEG_Y,
-            Self::Superior => DVec3::Z,
-            Self::Inferior => DVec3::NEG_Z,
-        }
+        self.facts().0
     }
 
     /// Up direction in a picture of a patient from this side: the head, or the front where the head points to the viewer or away.
@@ -173,26 +177,12 @@ impl Side {
 
     /// The side's letter at a picture's edge.
     pub fn letter(self) -> char {
-        match self {
-            Self::Right => 'R',
-            Self::Left => 'L',
-            Self::Anterior => 'A',
-            Self::Posterior => 'P',
-            Self::Superior => 'S',
-            Self::Inferior => 'I',
-        }
+        self.facts().1
     }
 
     /// The side's name.
     pub fn name(self) -> &'static str {
-        match self {
-            Self::Right => "right",
-            Self::Left => "left",
-            Self::Anterior => "anterior",
-            Self::Posterior => "posterior",
-            Self::Superior => "superior",
-            Self::Inferior => "inferior",
-        }
+        self.facts().2
     }
 }
 

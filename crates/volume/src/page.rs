@@ -93,15 +93,10 @@ impl Pyramid {
     /// Iterates over the bricks of a page in memory order, each with its place in the page.
     pub fn bricks_of_page(&self, page: PageId) -> impl Iterator<Item = (BrickId, usize)> + use<> {
         let paging = self.paging(page.level);
-        let VoxelBox { min, max } = paging.cells([page.x, page.y, page.z]);
-        let PageId { time, channel, level, .. } = page;
-        (min.z..max.z).flat_map(move |z| {
-            (min.y..max.y).flat_map(move |y| {
-                (min.x..max.x).map(move |x| {
-                    let index = BrickIndex::new(x, y, z);
-                    (BrickId { time, channel, level, index }, paging.locate(index.to_array()).1)
-                })
-            })
+        let PageId { time, channel, level, z, y, x } = page;
+        paging.cells([x, y, z]).voxels().map(move |cell| {
+            let index = BrickIndex::from_array(cell);
+            (BrickId { time, channel, level, index }, paging.locate(cell).1)
         })
     }
 

@@ -5,6 +5,7 @@
 //! from the eye in the scene's world, and the direction loses its unit length. So all volumes of a scene share one sampling lattice,
 //! whatever their maps, and boxes of voxels stay boxes.
 
+use crate::ensure::ensure;
 use crate::geometry::{Geometry, box_corners};
 use crate::ray::Ray;
 use crate::space::Extent;
@@ -27,27 +28,21 @@ pub struct Placement {
 /// Why a matrix cannot place a volume.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum PlacementError {
-    /// The matrix does not have three or four rows of four numbers.
-    #[error("a matrix of {found}: expected three or four rows of four numbers")]
-    Shape {
-        /// The found shape, in words.
-        found: String,
-    },
+    /// The matrix does not have three or four rows of four numbers; the text is the found shape, in words.
+    #[error("a matrix of {0}: expected three or four rows of four numbers")]
+    Shape(String),
     /// The matrix has a number that is NaN or infinite.
     #[error("the matrix holds {0}: expected finite numbers")]
     NotFinite(f64),
     /// The matrix's last row makes the map a projective one.
     #[error("the matrix's last row is {0:?}: expected 0, 0, 0, 1")]
     LastRow([f64; 4]),
-    /// The matrix is singular: volumes would become planes, lines or points.
+    /// The matrix is singular: volumes would become planes, lines or points. The number is its determinant.
     #[error(
-        "the matrix is singular (its determinant is {determinant}): it would make a volume flat, expected an \
+        "the matrix is singular (its determinant is {0}): it would make a volume flat, expected an \
          invertible one"
     )]
-    Singular {
-        /// The matrix's determinant.
-        determinant: f64,
-    },
+    Singular(f64),
     /// The matrix is nearly singular: volumes would become almost flat. The number is the ratio of its greatest to its least stretch.
     #[error("the matrix stretches directions unevenly, by a factor of {0:.1e}: expected at most {MAX_CONDITION:.0e}")]
     Condition(f64),
@@ -74,19 +69,14 @@ impl Placement {
             return Err(PlacementError::NotFinite(bad));
         }
         let determinant = world_from_volume.matrix3.determinant();
+        let singular = || PlacementError::Singular(determinant);
         let volume_from_world = world_from_volume.inverse();
-        if determinant == 0.0 || !volume_from_world.is_finite() {
-            return Err(PlacementError::Singular { determinant });
-        }
+        ensure(determinant != 0.0 && volume_from_world.is_finite(), singular)?;
         let greatest = greatest_stretch(world_from_volume.matrix3);
         let least = 1.0 / greatest_stretch(volume_from_world.matrix3);
         let condition = greatest / least;
-        if !(greatest.is_finite() && condition.is_finite() && least > 0.0) {
-            return Err(PlacementError::Singular { determinant });
-        }
-        if condition > MAX_CONDITION {
-            return Err(PlacementError::Condition(condition));
-        }
+        ensure(greatest.is_finite() && condition.is_finite() && least > 0.0, singular)?;
+        ensure(condition <= MAX_CONDITION, || PlacementError::Condition(condition))?;
         Ok(Self { world_from_volume, volume_from_world, least_stretch: least, greatest_stretch: greatest })
     }
 
@@ -98,7 +88,7 @@ impl Placement {
         let ([x, y, z], last) = match *rows {
             [x, y, z] => ([x, y, z], None),
             [x, y, z, last] => ([x, y, z], Some(last)),
-            _ => return Err(PlacementError::Shape { found: format!("{} rows", rows.len()) }),
+            _ => return Err(PlacementError::Shape(format!("{} rows", rows.len()))),
         };
         if let Some(last) = last.filter(|last| *last != [0.0, 0.0, 0.0, 1.0]) {
             return Err(PlacementError::LastRow(last));
@@ -117,9 +107,7 @@ impl Placement {
         let number = |word: &str| word.parse::<f64>().map_err(|_| PlacementError::Word(word.to_string()));
         let numbers = words.map(number).collect::<Result<Vec<f64>, _>>()?;
         let (rows, rest) = numbers.as_chunks::<4>();
-        if !rest.is_empty() {
-            return Err(PlacementError::Shape { found: format!("{} numbers", numbers.len()) });
-        }
+        ensure(rest.is_empty(), || PlacementError::Shape(format!("{} numbers", numbers.len())))?;
         Self::from_rows(rows)
     }
 
@@ -228,7 +216,7 @@ impl TryFrom<Vec<Vec<f64>>> for Placement {
 
     fn try_from(rows: Vec<Vec<f64>>) -> Result<Self, PlacementError> {
         let row = |row: &Vec<f64>| {
-            let found = || PlacementError::Shape { found: format!("a row of {} numbers", row.len()) };
+            let found = || PlacementError::Shape(format!("a row of {} numbers", row.len()));
             <[f64; 4]>::try_from(&row[..]).map_err(|_| found())
         };
         Self::from_rows(&rows.iter().map(row).collect::<Result<Vec<_>, _>>()?)

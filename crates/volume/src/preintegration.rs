@@ -90,10 +90,8 @@ impl Integrals {
 /// The integrals over the first `t` of the way from one entry to the next, with the colour in the middle of this stretch.
 fn upto(a: [f64; 4], b: [f64; 4], t: f64) -> [f64; 4] {
     let depth = depth_upto(a[3], b[3], t);
-    std::array::from_fn(|k| match k {
-        3 => depth,
-        _ => (a[k] + 0.5 * t * (b[k] - a[k])) * depth,
-    })
+    let color = |k: usize| (a[k] + 0.5 * t * (b[k] - a[k])) * depth;
+    [color(0), color(1), color(2), depth]
 }
 
 /// The integral of the extinction over the first `t` of the way between two opacities.

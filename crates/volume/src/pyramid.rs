@@ -147,24 +147,23 @@ impl Pyramid {
     /// Iterates over the positions of a brick's core voxels in its level, `[x, y, z]`, in the order of a core's bytes: x fastest, including
     /// positions past the level's end.
     pub fn core_voxels(&self, index: BrickIndex) -> impl Iterator<Item = [u32; 3]> + use<> {
-        let (edge, first) = (self.edge, index.to_array().map(|i| i * self.edge));
-        let axis = move |a: usize| first[a]..first[a] + edge;
-        axis(2).flat_map(move |z| axis(1).flat_map(move |y| axis(0).map(move |x| [x, y, z])))
+        let first = index.to_array().map(|i| i * self.edge);
+        VoxelBox::new(first, first.map(|n| n + self.edge)).voxels()
     }
 
     /// The brick's core in its own level's voxels, clipped to the level.
     pub fn brick_box(&self, level: Level, index: BrickIndex) -> VoxelBox {
-        let n = self.level(level).extent.to_array();
-        let i = index.to_array();
-        let corner = |d: u32| std::array::from_fn(|a| ((i[a] + d) as u64 * self.edge as u64).min(n[a] as u64) as u32);
-        VoxelBox::new(corner(0), corner(1))
+        self.core_box(index, [1; 3], self.level(level).extent)
     }
 
     /// The brick's box in level-0 voxels, clipped to level 0 (whatever the rounding of coarser extents).
     pub fn brick_box_voxel(&self, level: Level, index: BrickIndex) -> VoxelBox {
-        let n = self.levels[0].extent.to_array();
-        let factor = self.level(level).factor;
-        let i = index.to_array();
+        self.core_box(index, self.level(level).factor, self.levels[0].extent)
+    }
+
+    /// A brick's core in voxels `factor` times finer than its own, clipped to an extent.
+    fn core_box(&self, index: BrickIndex, factor: [u32; 3], extent: Extent) -> VoxelBox {
+        let (i, n) = (index.to_array(), extent.to_array());
         let corner = |d: u32| {
             std::array::from_fn(|a| ((i[a] + d) as u64 * self.edge as u64 * factor[a] as u64).min(n[a] as u64) as u32)
         };

@@ -3,6 +3,7 @@
 use crate::camera::Camera;
 use crate::clip::{Clip, ClipError, ClipPlane};
 use crate::compositing::Blend;
+use crate::ensure::ensure;
 use crate::layer::SceneLayer;
 use crate::lighting::Lighting;
 use crate::mesh::{MeshCapacity, MeshLook, MeshLookError, ShownMesh};
@@ -100,7 +101,6 @@ pub struct SceneExpression {
     /// The expression's text; `a` is the value of the first layer.
     pub text: String,
     /// The look of the expression's values; `None` is a gray ramp over their possible range.
-    #[serde(default)]
     pub transfer: Option<TransferChoice>,
 }
 
@@ -257,9 +257,7 @@ impl Scene {
         let is_clipped = self.clip.is_some() || !self.clip_planes.is_empty();
         is_clipped.then(|| Clip::new(self.clip, &self.clip_planes)).transpose()
     }
-}
 
-impl Scene {
     /// The picture's requirements on bricks and the tables beside them, without unread meshes.
     pub fn needs(&self) -> Needs {
         let meshes = MeshCapacity::of(self.meshes.iter().filter_map(|look| look.mesh.as_deref()));
@@ -286,15 +284,13 @@ impl Scene {
         let mut shown = Vec::new();
         for look in &self.meshes {
             let mesh = look.shown()?;
-            if mesh.opacity > 0.0 && mesh.opacity < 1.0 && self.mode.is_projection() {
-                return Err(MeshLookError::Projection { path: look.path.clone(), opacity: mesh.opacity });
-            }
+            let (opacity, path) = (mesh.opacity, || look.path.clone());
+            let is_flat = self.mode.is_projection() && opacity > 0.0 && opacity < 1.0;
+            ensure(!is_flat, || MeshLookError::Projection { path: path(), opacity })?;
             shown.push(mesh);
         }
         let numbers = shown.iter().map(|m| (m.mesh.positions().len() + m.mesh.triangles().len()) as u64).sum();
-        if numbers >= 1 << 31 {
-            return Err(MeshLookError::TooLarge(numbers));
-        }
+        ensure(numbers < 1 << 31, || MeshLookError::TooLarge(numbers))?;
         shown.retain(|mesh| mesh.opacity > 0.0);
         Ok(shown)
     }

@@ -6,6 +6,7 @@
 
 use crate::bounds::STEPS;
 use crate::clip::{Clip, ClipError, MAX_CLIP_PLANES};
+use crate::ensure::ensure;
 use crate::expression::{Expression, MAX_VOLUMES};
 use crate::layer::SceneLayer;
 use crate::lighting::{Lighting, LightingModel, MAX_LIGHTS};
@@ -36,9 +37,8 @@ impl Scene {
     /// # Errors
     /// The first problem.
     pub fn check(&self, stores: &[StoreCounts]) -> Result<(), SceneError> {
-        if !(1..=MAX_VOLUMES).contains(&self.layers.len()) {
-            return Err(SceneError::Layers(self.layers.len()));
-        }
+        let layers = self.layers.len();
+        ensure((1..=MAX_VOLUMES).contains(&layers), || SceneError::Layers(layers))?;
         for layer in 0..self.layers.len() {
             let checked = self.check_store(layer, stores).and_then(|()| self.check_layer(&self.layers[layer]));
             checked.map_err(|error| SceneError::Layer { layer, error })?;
@@ -49,10 +49,7 @@ impl Scene {
         self.shown_meshes()?;
         let shown = self.shown_layers()?;
         let has_surface = |layer: &usize| !self.layers[*layer].isosurfaces.is_empty();
-        if self.mode == Mode::Isosurface && !shown.iter().any(has_surface) {
-            return Err(SceneError::NoSurface);
-        }
-        Ok(())
+        ensure(self.mode != Mode::Isosurface || shown.iter().any(has_surface), || SceneError::NoSurface)
     }
 
     /// Indices of the shown layers: all visible ones, or those read by the expression.
@@ -77,47 +74,36 @@ impl Scene {
         let expression = Expression::parse(text, self.layers.len())?;
         let read = expression.volumes();
         let method = self.sampling.method;
-        if read.is_empty() {
-            Err(SceneError::ExpressionOfNothing(text.clone()))
-        } else if let Some(&layer) = read.iter().find(|&&layer| !self.layers[layer].visible) {
-            Err(SceneError::ExpressionOfHidden(layer))
-        } else if let Some(layer) = self.layers.iter().position(|layer| !layer.has_no_style()) {
-            Err(SceneError::ExpressionStyle(layer))
-        } else if self.mode != Mode::Dvr {
-            Err(SceneError::ExpressionMode(self.mode))
-        } else if method != Method::Udvr {
-            Err(SceneError::ExpressionMethod(method))
-        } else if transfer.as_ref().is_some_and(TransferChoice::is_by_gradient) {
-            Err(SceneError::ExpressionByGradient)
-        } else {
-            look.function(&Subject::NONE).map_err(SceneError::ExpressionTransfer)?;
-            Ok(Some(expression))
+        ensure(!read.is_empty(), || SceneError::ExpressionOfNothing(text.clone()))?;
+        if let Some(&layer) = read.iter().find(|&&layer| !self.layers[layer].visible) {
+            return Err(SceneError::ExpressionOfHidden(layer));
         }
+        if let Some(layer) = self.layers.iter().position(|layer| !layer.has_no_style()) {
+            return Err(SceneError::ExpressionStyle(layer));
+        }
+        ensure(self.mode == Mode::Dvr, || SceneError::ExpressionMode(self.mode))?;
+        ensure(method == Method::Udvr, || SceneError::ExpressionMethod(method))?;
+        let is_by_gradient = transfer.as_ref().is_some_and(TransferChoice::is_by_gradient);
+        ensure(!is_by_gradient, || SceneError::ExpressionByGradient)?;
+        look.function(&Subject::NONE).map_err(SceneError::ExpressionTransfer)?;
+        Ok(Some(expression))
     }
 
     fn check_store(&self, layer: usize, stores: &[StoreCounts]) -> Result<(), LayerError> {
         let (store, channel, time) = (self.store(layer), self.layers[layer].channel, self.time);
         let missing = LayerError::Store { store, stores: stores.len() };
         let &StoreCounts { times, channels, is_labels, .. } = stores.get(store).ok_or(missing)?;
-        if channel >= channels {
-            return Err(LayerError::Channel { channel, channels });
-        }
+        ensure(channel < channels, || LayerError::Channel { channel, channels })?;
         // Stores with fewer steps show the latest one by then.
         let all = (0..self.layers.len()).filter_map(|layer| stores.get(self.store(layer)));
         let times = all.map(|store| store.times).fold(times, u32::max);
-        if time >= times {
-            return Err(LayerError::Time { time, times });
-        }
+        ensure(time < times, || LayerError::Time { time, times })?;
         self.layers[layer].check_kind(is_labels)
     }
 
     fn check_layer(&self, layer: &SceneLayer) -> Result<(), LayerError> {
-        if !(0.0..=1.0).contains(&layer.opacity) {
-            return Err(LayerError::Opacity(layer.opacity));
-        }
-        if !GAMMAS.contains(&layer.gamma) {
-            return Err(LayerError::Gamma(layer.gamma));
-        }
+        ensure((0.0..=1.0).contains(&layer.opacity), || LayerError::Opacity(layer.opacity))?;
+        ensure(GAMMAS.contains(&layer.gamma), || LayerError::Gamma(layer.gamma))?;
         if let Some([low, high]) = layer.window.filter(|[low, high]| !(low < high && (high - low).is_finite())) {
             return Err(LayerError::Window([low, high]));
         }
@@ -127,28 +113,22 @@ impl Scene {
         Clip::new(layer.crop, &[]).map_err(LayerError::Crop)?;
         layer.function(&Subject::NONE)?;
         let is_by_gradient = layer.transfer.as_ref().is_some_and(TransferChoice::is_by_gradient);
-        if self.mode == Mode::Dvr && self.sampling.method.is_pre_integrated() && is_by_gradient {
-            return Err(LayerError::Integrated(self.sampling.method));
-        }
+        let is_integrated = self.mode == Mode::Dvr && self.sampling.method.is_pre_integrated();
+        ensure(!(is_integrated && is_by_gradient), || LayerError::Integrated(self.sampling.method))?;
         self.check_surfaces(&layer.isosurfaces)
     }
 
     fn check_surfaces(&self, surfaces: &[Isosurface]) -> Result<(), LayerError> {
         for (i, &Isosurface { value, color, opacity }) in surfaces.iter().enumerate() {
-            let bad_color = color.filter(|color| !is_color(color));
-            if self.mode.is_projection() {
-                return Err(LayerError::SurfaceMode(value));
-            } else if surfaces.len() > MAX_SURFACES {
-                return Err(LayerError::Surfaces(surfaces.len()));
-            } else if !value.is_finite() {
-                return Err(LayerError::SurfaceValue(value));
-            } else if !(0.0..=1.0).contains(&opacity) {
-                return Err(LayerError::SurfaceOpacity { value, opacity });
-            } else if let Some(color) = bad_color {
+            ensure(!self.mode.is_projection(), || LayerError::SurfaceMode(value))?;
+            ensure(surfaces.len() <= MAX_SURFACES, || LayerError::Surfaces(surfaces.len()))?;
+            ensure(value.is_finite(), || LayerError::SurfaceValue(value))?;
+            ensure((0.0..=1.0).contains(&opacity), || LayerError::SurfaceOpacity { value, opacity })?;
+            if let Some(color) = color.filter(|color| !is_color(color)) {
                 return Err(LayerError::SurfaceColor { value, color });
-            } else if surfaces[..i].iter().any(|other| other.value == value) {
-                return Err(LayerError::SurfaceTwice(value));
             }
+            let is_new = surfaces[..i].iter().all(|other| other.value != value);
+            ensure(is_new, || LayerError::SurfaceTwice(value))?;
         }
         Ok(())
     }
@@ -160,43 +140,31 @@ impl Scene {
         {
             return Err(SceneError::Level { level, levels });
         }
-        if !STEPS.contains(&self.step) {
-            return Err(SceneError::Step(self.step));
-        }
-        if !(self.pixel_error.is_finite() && self.pixel_error > 0.0) {
-            return Err(SceneError::PixelError(self.pixel_error));
-        }
+        ensure(STEPS.contains(&self.step), || SceneError::Step(self.step))?;
+        let pixel_error = self.pixel_error;
+        ensure(pixel_error.is_finite() && pixel_error > 0.0, || SceneError::PixelError(pixel_error))?;
         let (method, samples) = (self.sampling.method, self.sampling.virtual_samples);
-        if method != Method::Udvr && self.mode != Mode::Dvr {
-            return Err(SceneError::Method(method));
-        }
-        if !(1..=MOST_VIRTUAL_SAMPLES).contains(&samples) {
-            return Err(SceneError::VirtualSamples(samples));
-        }
-        if is_color(&self.background) { Ok(()) } else { Err(SceneError::Background(self.background)) }
+        ensure(method == Method::Udvr || self.mode == Mode::Dvr, || SceneError::Method(method))?;
+        ensure((1..=MOST_VIRTUAL_SAMPLES).contains(&samples), || SceneError::VirtualSamples(samples))?;
+        ensure(is_color(&self.background), || SceneError::Background(self.background))
     }
 
     fn check_lighting(&self) -> Result<(), SceneError> {
         let Lighting { model, ref lights, .. } = self.lighting;
-        if model != LightingModel::None && self.mode.is_projection() {
-            return Err(SceneError::Lighting(model));
-        }
-        if lights.len() > MAX_LIGHTS {
-            return Err(SceneError::Lights(lights.len()));
-        }
+        ensure(model == LightingModel::None || !self.mode.is_projection(), || SceneError::Lighting(model))?;
+        ensure(lights.len() <= MAX_LIGHTS, || SceneError::Lights(lights.len()))?;
         if let Some(&light) = lights.iter().find(|light| !light.is_finite()) {
             return Err(SceneError::Light(light));
         }
         let has_surfaces = self.layers.iter().any(|layer| !layer.isosurfaces.is_empty());
         let is_lit = model != LightingModel::None || has_surfaces;
-        if is_lit || lights.is_empty() { Ok(()) } else { Err(SceneError::Unlit) }
+        ensure(is_lit || lights.is_empty(), || SceneError::Unlit)
     }
 
     /// Checks clip box, planes and slice.
     fn check_clip(&self) -> Result<(), ClipError> {
-        if self.clip_planes.len() > MAX_CLIP_PLANES {
-            return Err(ClipError::Planes(self.clip_planes.len()));
-        }
+        let planes = self.clip_planes.len();
+        ensure(planes <= MAX_CLIP_PLANES, || ClipError::Planes(planes))?;
         Clip::new(self.clip, &self.clip_planes)?;
         let Some(slice) = &self.slice else { return Ok(()) };
         if self.mode.is_projection() { slice.check() } else { Err(ClipError::SliceMode(self.mode)) }

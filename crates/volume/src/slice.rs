@@ -10,6 +10,7 @@
 
 use crate::camera::{Camera, Projection, ViewRays};
 use crate::clip::{ClipError, ClipPlane};
+use crate::ensure::ensure;
 use crate::geometry::{Geometry, box_corners};
 use crate::placement::Placement;
 use crate::space::Extent;
@@ -59,9 +60,7 @@ impl Slice {
     /// # Errors
     /// If the thickness is negative or not finite, the normal is zero, or a number of the plane is not finite.
     pub fn check(&self) -> Result<(), ClipError> {
-        if !(self.thickness >= 0.0 && self.thickness.is_finite()) {
-            return Err(ClipError::Thickness(self.thickness));
-        }
+        ensure(self.thickness >= 0.0 && self.thickness.is_finite(), || ClipError::Thickness(self.thickness))?;
         ClipPlane { point: self.point, normal: self.normal }.normalized().map(|_| ())
     }
 

@@ -122,11 +122,16 @@ impl SlotEncoding {
             let spread_codes = (range.1 - range.0).clamp(0.0, high - low);
             return Self { voxel_type, format, low, high, spread_codes, ..PLAIN }.with_whole_table();
         }
+        Self::quantised(voxel_type, range, has_non_finite)
+    }
+
+    /// Returns the encoding by 16-bit codes spread over a range.
+    fn quantised(voxel_type: VoxelType, range: (f64, f64), has_invalid: bool) -> Self {
         // A single value gets a range, whatever its size, in which its neighbours differ from it.
         let (low, high) = if range.1 > range.0 { range } else { (range.0, range.0 + range.0.abs().max(1.0)) };
         // With code 0 taken, `range.0` is code 1.
-        let low = if has_non_finite { low - (high - low) / 65534.0 } else { low };
-        Self { voxel_type, format, low, high, has_invalid: has_non_finite, ..PLAIN }.with_whole_spread()
+        let low = if has_invalid { low - (high - low) / 65534.0 } else { low };
+        Self { voxel_type, format: SlotFormat::U16, low, high, has_invalid, ..PLAIN }.with_whole_spread()
     }
 
     /// Returns the encoding for a store of integers of `voxel_type` with valid values in `range`, and `nodata` for voxels without data.
@@ -141,10 +146,7 @@ impl SlotEncoding {
             return Self { voxel_type, format, low, high, has_invalid, nodata: Some(nodata), spread_codes, ..PLAIN }
                 .with_whole_table();
         }
-        // A single value gets a range in which its neighbours differ from it.
-        let (low, high) = if codes > 1.0 { range } else { (range.0, range.0 + range.0.abs().max(1.0)) };
-        let low = low - (high - low) / 65534.0;
-        Self { voxel_type, format, low, high, has_invalid: true, nodata: Some(nodata), ..PLAIN }.with_whole_spread()
+        Self { nodata: Some(nodata), ..Self::quantised(voxel_type, range, true) }
     }
 
     /// Returns the encoding of labels in `range`: a code for each if 65,536 codes suffice from the least to the greatest, else

@@ -23,7 +23,7 @@ impl std::fmt::Display for Level {
 }
 
 macro_rules! xyz {
-    ($(#[$doc:meta])* $name:ident) => {
+    ($($(#[$doc:meta])* $name:ident)*) => {$(
         $(#[$doc])*
         #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
         pub struct $name {
@@ -56,21 +56,17 @@ macro_rules! xyz {
                 write!(f, "{},{},{}", self.x, self.y, self.z)
             }
         }
-    };
+    )*};
 }
 
-xyz!(
+xyz! {
     /// Counts along each axis (of voxels, or of bricks in a grid).
     Extent
-);
-xyz!(
     /// The position of a voxel in some level.
     VoxelIndex
-);
-xyz!(
     /// The position of a brick in some level's brick grid.
     BrickIndex
-);
+}
 
 impl Extent {
     /// The number of voxels (or bricks). The product must not overflow: callers reject such extents with
@@ -126,6 +122,13 @@ impl VoxelBox {
     /// Whether the box has no voxel.
     pub fn is_empty(self) -> bool {
         self.extent().volume() == 0
+    }
+
+    /// Iterates over the voxels `[x, y, z]` of the box in memory order: x fastest.
+    pub fn voxels(self) -> impl Iterator<Item = [u32; 3]> {
+        let Self { min, max } = self;
+        let rows = (min.z..max.z).flat_map(move |z| (min.y..max.y).map(move |y| (y, z)));
+        rows.flat_map(move |(y, z)| (min.x..max.x).map(move |x| [x, y, z]))
     }
 
     /// The voxels in both boxes.

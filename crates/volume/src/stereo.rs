@@ -44,10 +44,8 @@ pub struct Stereo {
     /// Layout of the two eyes' pictures.
     pub layout: StereoLayout,
     /// World distance between the eyes; `None` is a thirtieth of the convergence distance.
-    #[serde(default)]
     pub eye_separation: Option<f64>,
     /// World distance of the screen along the view; `None` is the distance of the camera's target.
-    #[serde(default)]
     pub convergence: Option<f64>,
 }
 
@@ -124,10 +122,7 @@ impl StereoLayout {
     pub fn compose(self, [left, right]: [&Picture; 2]) -> Picture {
         let Picture { width, height, .. } = *left;
         assert_eq!((width, height), (right.width, right.height), "the eyes' pictures differ in size");
-        let row = |eye: &Picture, y: u32| {
-            let start = y as usize * width as usize;
-            eye.rgb[start..start + width as usize].to_vec()
-        };
+        let row = |eye: &Picture, y: u32| eye.rgb[y as usize * width as usize..][..width as usize].to_vec();
         match self {
             Self::SideBySide => {
                 let rows = (0..height).flat_map(|y| [row(left, y), row(right, y)]);

@@ -62,7 +62,6 @@ pub struct Isosurface {
     /// The isovalue: the value of the field on the surface, in stored units.
     pub value: f64,
     /// Colour of the surface, in 0..=1; `None` is the transfer function's colour at the isovalue.
-    #[serde(default)]
     pub color: Option<[f64; 3]>,
     /// Opacity of the surface: the absorbed share of light, 0 to 1.
     #[serde(default = "opaque")]
@@ -112,11 +111,8 @@ pub fn rank(surfaces: &[Surface], value: f64) -> usize {
 
 /// The lighting of surfaces in a scene: the fog's, or the Blinn-Phong model if fog is unlit.
 pub fn lighting(lighting: &Lighting) -> Lighting {
-    let model = match lighting.model {
-        LightingModel::None => LightingModel::BlinnPhong,
-        model => model,
-    };
-    Lighting { model, ..lighting.clone() }
+    let is_unlit = lighting.model == LightingModel::None;
+    Lighting { model: if is_unlit { LightingModel::BlinnPhong } else { lighting.model }, ..lighting.clone() }
 }
 
 /// Number of equal parts per round of the search for a crossing, in each of [`ROUNDS`] rounds.

@@ -30,7 +30,8 @@ impl Default for TimeAxis {
 }
 
 /// Why a time axis is invalid: the field, its expected contents, and its contents.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[error("{field}: expected {expected}, found {found}")]
 pub struct TimeProblem {
     /// The name of the field.
     pub field: &'static str,
@@ -38,12 +39,6 @@ pub struct TimeProblem {
     pub expected: String,
     /// The field's contents.
     pub found: String,
-}
-
-impl std::fmt::Display for TimeProblem {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "{}: expected {}, found {}", self.field, self.expected, self.found)
-    }
 }
 
 impl TimeAxis {
@@ -59,11 +54,8 @@ impl TimeAxis {
         let axis = Self { start: stamps.first().copied().unwrap_or(0.0), step, stamps, unit };
         axis.check(axis.stamps.len() as u32)?;
         let (first, last) = (axis.start, axis.stamps.last().copied().unwrap_or(axis.start));
-        let even = Self {
-            step: if gaps.is_empty() { 1.0 } else { (last - first) / gaps.len() as f64 },
-            stamps: Vec::new(),
-            ..axis.clone()
-        };
+        let mean = if gaps.is_empty() { 1.0 } else { (last - first) / gaps.len() as f64 };
+        let even = Self { step: mean, stamps: Vec::new(), ..axis.clone() };
         let is_even = (0..).zip(&axis.stamps).all(|(i, stamp)| (even.at(i) - stamp).abs() <= EVEN * even.step);
         if !is_even {
             return Ok(axis);
@@ -95,33 +87,26 @@ impl TimeAxis {
     /// # Errors
     /// The first invalid field.
     pub fn check(&self, times: u32) -> Result<(), TimeProblem> {
-        let problem = |field, expected: String, found: String| Err(TimeProblem { field, expected, found });
-        if !(self.step.is_finite() && self.step > 0.0) {
-            return problem("step", "a positive number".into(), self.step.to_string());
-        }
-        if !self.start.is_finite() {
-            return problem("start", "a finite number".into(), self.start.to_string());
-        }
-        let last = self.start + self.step * f64::from(times.saturating_sub(1));
-        if !last.is_finite() {
-            return problem("step", "a step with finite times for all steps".into(), self.step.to_string());
-        }
-        if self.stamps.is_empty() {
+        let Self { start, step, stamps, .. } = self;
+        let last = start + step * f64::from(times.saturating_sub(1));
+        let is_descent = |pair: &[f64]| pair[0] >= pair[1];
+        let (field, expected, found) = if !(step.is_finite() && *step > 0.0) {
+            ("step", "a positive number".into(), step.to_string())
+        } else if !start.is_finite() {
+            ("start", "a finite number".into(), start.to_string())
+        } else if !last.is_finite() {
+            ("step", "a step with finite times for all steps".into(), step.to_string())
+        } else if !stamps.is_empty() && stamps.len() != times as usize {
+            ("stamps", format!("{times}, one for each time step"), stamps.len().to_string())
+        } else if let Some(stamp) = stamps.iter().find(|stamp| !stamp.is_finite()) {
+            ("stamps", "finite numbers".into(), stamp.to_string())
+        } else if let Some(i) = stamps.windows(2).position(is_descent) {
+            let found = format!("{} of step {} after {} of step {i}", stamps[i + 1], i + 1, stamps[i]);
+            ("stamps", "ascending times".into(), found)
+        } else {
             return Ok(());
-        }
-        if self.stamps.len() != times as usize {
-            return problem("stamps", format!("{times}, one for each time step"), self.stamps.len().to_string());
-        }
-        if let Some(stamp) = self.stamps.iter().find(|stamp| !stamp.is_finite()) {
-            return problem("stamps", "finite numbers".into(), stamp.to_string());
-        }
-        match self.stamps.windows(2).position(|pair| pair[0] >= pair[1]) {
-            Some(i) => {
-                let found = format!("{} of step {} after {} of step {i}", self.stamps[i + 1], i + 1, self.stamps[i]);
-                problem("stamps", "ascending times".into(), found)
-            }
-            None => Ok(()),
-        }
+        };
+        Err(TimeProblem { field, expected, found })
     }
 
     /// Formats a time with the symbol of the unit.

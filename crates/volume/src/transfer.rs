@@ -27,6 +27,7 @@ pub use imported::{Imported, Subject, shown_window};
 pub use region::{Region, Shape};
 pub use table::TransferTable;
 
+use crate::ensure::ensure;
 use crate::labels::{self, LabelLook};
 use crate::preintegration::depth;
 use serde::de::Error;
@@ -63,8 +64,7 @@ pub struct TransferFunction {
 impl Default for TransferFunction {
     /// White and clear everywhere.
     fn default() -> Self {
-        let (color, opacity) = (vec![[0.0, 1.0, 1.0, 1.0]], vec![[0.0, 0.0]]);
-        Self { color, opacity, unit_distance: unit(), gradient_opacity: Vec::new(), regions: Vec::new(), labels: None }
+        Self::new(vec![[0.0, 1.0, 1.0, 1.0]], vec![[0.0, 0.0]], unit())
     }
 }
 
@@ -150,32 +150,30 @@ pub enum TransferError {
 }
 
 impl TransferFunction {
+    /// Creates a function of the value alone from the points of its lists, without labels.
+    pub fn new(color: Vec<[f64; 4]>, opacity: Vec<[f64; 2]>, unit_distance: f64) -> Self {
+        Self { color, opacity, unit_distance, gradient_opacity: Vec::new(), regions: Vec::new(), labels: None }
+    }
+
     /// Checks that lists are sorted, finite and in range, those of colour and opacity not empty, and `unit_distance` positive.
     ///
     /// # Errors
     /// The first invalid point.
     pub fn validate(&self) -> Result<(), TransferError> {
-        check_points("color", &self.color)?;
-        check_order("color", &self.color)?;
-        check_points("opacity", &self.opacity)?;
-        check_order("opacity", &self.opacity)?;
-        if self.is_by_gradient() {
-            self.check_gradients()?;
-        }
+        check_list("color", &self.color)?;
+        check_list("opacity", &self.opacity)?;
+        self.check_gradients()?;
         if let Some((index, problem)) = self.labels.as_ref().and_then(LabelLook::bad_color) {
             return Err(TransferError::Point { list: "labels.colors", index, problem });
         }
-        if !(self.unit_distance.is_finite() && self.unit_distance > 0.0) {
-            return Err(TransferError::UnitDistance(self.unit_distance));
-        }
-        Ok(())
+        let distance = self.unit_distance;
+        ensure(distance.is_finite() && distance > 0.0, || TransferError::UnitDistance(distance))
     }
 
     fn check_gradients(&self) -> Result<(), TransferError> {
         const LIST: &str = "gradient_opacity";
         if !self.gradient_opacity.is_empty() {
-            check_points(LIST, &self.gradient_opacity)?;
-            check_order(LIST, &self.gradient_opacity)?;
+            check_list(LIST, &self.gradient_opacity)?;
         }
         if let Some(index) = self.gradient_opacity.iter().position(|point| point[0] < 0.0) {
             let problem = format!("magnitude {} is negative", self.gradient_opacity[index][0]);
@@ -221,8 +219,8 @@ impl TransferFunction {
     /// Straight colour, and opacity over `unit_distance`, at a value and a gradient magnitude: `[r, g, b, alpha]`. The media of the
     /// value and of all regions are in the same place: their extinctions add, and their colours mix by extinction.
     pub fn at(&self, value: f64, gradient: f64) -> [f64; 4] {
-        let [r, g, b] = self.rgb(value);
-        let alpha = self.alpha(value) * self.factor(gradient);
+        let [r, g, b, alpha] = self.rgba(value);
+        let alpha = alpha * self.factor(gradient);
         mix([r, g, b, alpha], self.regions.iter().map(|region| (region.color, region.alpha(value, gradient))))
     }
 
@@ -232,6 +230,12 @@ impl TransferFunction {
             return 0.0;
         }
         interpolate(&self.opacity, value)[1]
+    }
+
+    /// Straight colour, and opacity over `unit_distance`, at a value, without gradient factor and regions: `[r, g, b, alpha]`.
+    pub fn rgba(&self, value: f64) -> [f64; 4] {
+        let [r, g, b] = self.rgb(value);
+        [r, g, b, self.alpha(value)]
     }
 
     /// The greatest opacity over the closed interval `[low, high]` (which may be infinite), whatever the gradient. Regions in the
@@ -264,9 +268,7 @@ fn mix(one: [f64; 4], others: impl Iterator<Item = ([f64; 3], f64)>) -> [f64; 4]
 
 /// Checks points `[value, ...]`: some, all finite, all but the value in 0..=1.
 fn check_points<const N: usize>(list: &'static str, points: &[[f64; N]]) -> Result<(), TransferError> {
-    if points.is_empty() {
-        return Err(TransferError::Empty(list));
-    }
+    ensure(!points.is_empty(), || TransferError::Empty(list))?;
     for (index, p) in points.iter().enumerate() {
         let problem = if p.iter().any(|v| !v.is_finite()) {
             "not a finite number".to_string()
@@ -280,8 +282,9 @@ fn check_points<const N: usize>(list: &'static str, points: &[[f64; N]]) -> Resu
     Ok(())
 }
 
-/// Checks that points are sorted by value.
-fn check_order<const N: usize>(list: &'static str, points: &[[f64; N]]) -> Result<(), TransferError> {
+/// Checks points as [`check_points`] does, and that they are sorted by value.
+fn check_list<const N: usize>(list: &'static str, points: &[[f64; N]]) -> Result<(), TransferError> {
+    check_points(list, points)?;
     let Some(after) = points.windows(2).position(|pair| pair[1][0] < pair[0][0]) else { return Ok(()) };
     let (earlier, value) = (points[after][0], points[after + 1][0]);
     let problem = format!("value {value} comes after {earlier}: sort the points by value");

@@ -28,37 +28,30 @@ impl VoxelType {
 
     /// Bytes of one voxel.
     pub const fn bytes(self) -> usize {
+        with_voxel_type!(self, T => size_of::<T>())
+    }
+
+    /// This project's name and Zarr's.
+    const fn names(self) -> (&'static str, &'static str) {
         match self {
-            Self::U8 | Self::I8 => 1,
-            Self::U16 | Self::I16 => 2,
-            Self::U32 | Self::I32 | Self::F32 => 4,
+            Self::U8 => ("u8", "uint8"),
+            Self::I8 => ("i8", "int8"),
+            Self::U16 => ("u16", "uint16"),
+            Self::I16 => ("i16", "int16"),
+            Self::U32 => ("u32", "uint32"),
+            Self::I32 => ("i32", "int32"),
+            Self::F32 => ("f32", "float32"),
         }
     }
 
     /// The name on the command line and in `--json`: `u8`, `i16`, `f32`, ...
     pub const fn name(self) -> &'static str {
-        match self {
-            Self::U8 => "u8",
-            Self::I8 => "i8",
-            Self::U16 => "u16",
-            Self::I16 => "i16",
-            Self::U32 => "u32",
-            Self::I32 => "i32",
-            Self::F32 => "f32",
-        }
+        self.names().0
     }
 
     /// The Zarr v3 `data_type` name.
     pub const fn zarr_name(self) -> &'static str {
-        match self {
-            Self::U8 => "uint8",
-            Self::I8 => "int8",
-            Self::U16 => "uint16",
-            Self::I16 => "int16",
-            Self::U32 => "uint32",
-            Self::I32 => "int32",
-            Self::F32 => "float32",
-        }
+        self.names().1
     }
 
     /// The type of this Zarr v3 name, if it is one of the seven.
@@ -73,15 +66,7 @@ impl VoxelType {
 
     /// Least and greatest representable finite value.
     pub fn limits(self) -> (f64, f64) {
-        match self {
-            Self::U8 => (0.0, u8::MAX as f64),
-            Self::I8 => (i8::MIN as f64, i8::MAX as f64),
-            Self::U16 => (0.0, u16::MAX as f64),
-            Self::I16 => (i16::MIN as f64, i16::MAX as f64),
-            Self::U32 => (0.0, u32::MAX as f64),
-            Self::I32 => (i32::MIN as f64, i32::MAX as f64),
-            Self::F32 => (f32::MIN as f64, f32::MAX as f64),
-        }
+        with_voxel_type!(self, T => (T::MIN as f64, T::MAX as f64))
     }
 
     /// Whether a voxel of the type can hold the value: a whole number within the limits of an integer type; any finite
@@ -173,35 +158,14 @@ impl Voxel for f32 {
 #[macro_export]
 macro_rules! with_voxel_type {
     ($tag:expr, $T:ident => $body:expr) => {
+        $crate::with_voxel_type!($tag, $T => $body, U8 u8, I8 i8, U16 u16, I16 i16, U32 u32, I32 i32, F32 f32)
+    };
+    ($tag:expr, $T:ident => $body:expr, $($variant:ident $rust:ty),*) => {
         match $tag {
-            $crate::VoxelType::U8 => {
-                type $T = u8;
+            $($crate::VoxelType::$variant => {
+                type $T = $rust;
                 $body
-            }
-            $crate::VoxelType::I8 => {
-                type $T = i8;
-                $body
-            }
-            $crate::VoxelType::U16 => {
-                type $T = u16;
-                $body
-            }
-            $crate::VoxelType::I16 => {
-                type $T = i16;
-                $body
-            }
-            $crate::VoxelType::U32 => {
-                type $T = u32;
-                $body
-            }
-            $crate::VoxelType::I32 => {
-                type $T = i32;
-                $body
-            }
-            $crate::VoxelType::F32 => {
-                type $T = f32;
-                $body
-            }
+            })*
         }
     };
 }

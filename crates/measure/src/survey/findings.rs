@@ -3,7 +3,7 @@
 //! Sampling settings are compared by the frame time for equal quality, read off the curves: at 40 dB, from which on the paper sees
 //! no artefacts any more, or at 30 dB if nothing reaches that. "Lit" findings must hold for every measured lighting.
 
-use super::Row;
+use super::{Row, distinct};
 use brickyard::volume::sampling::VIRTUAL_SAMPLES;
 use brickyard::volume::{Filter, LightingModel, Method};
 use serde::Serialize;
@@ -120,12 +120,7 @@ pub fn name(method: Method) -> &'static str {
 /// Compares rows with all of the paper's findings, by one figure. The rows of each method must be in the order of rising rates.
 pub fn findings(rows: &[Row], by: Estimator) -> Vec<Finding> {
     let finding = |claim, (agrees, measured): (Option<bool>, String)| Finding { claim, by, agrees, measured };
-    let mut lit: Vec<LightingModel> = Vec::new();
-    for row in rows.iter().filter(|row| row.lighting != LightingModel::None) {
-        if !lit.contains(&row.lighting) {
-            lit.push(row.lighting);
-        }
-    }
+    let lit = distinct(rows.iter().map(|row| row.lighting).filter(|lighting| *lighting != LightingModel::None));
     let best = |methods: &'static [Method]| move |ranking: &Ranking| methods.contains(&ranking.best());
     let is_good = |ranking: &Ranking| {
         ranking.times.iter().any(|(method, ms)| *method == Method::Asm && *ms <= GOOD * ranking.times[0].1)
@@ -185,13 +180,8 @@ fn plain(rows: &[Row], by: Estimator, lit: &[LightingModel]) -> (Option<bool>, S
 
 /// How often each number of virtual samples is the fastest, and three are good.
 fn optimum(rows: &[Row], by: Estimator) -> (Option<bool>, String) {
-    let mut cases: Vec<(Filter, LightingModel, Method)> = Vec::new();
-    for row in rows.iter().filter(|row| row.virtual_samples.is_some()) {
-        let case = (row.filter, row.lighting, row.method);
-        if !cases.contains(&case) {
-            cases.push(case);
-        }
-    }
+    let with_samples = rows.iter().filter(|row| row.virtual_samples.is_some());
+    let cases = distinct(with_samples.map(|row| (row.filter, row.lighting, row.method)));
     let (mut best, mut good, mut asked) = (BTreeMap::<u8, usize>::new(), 0, 0);
     for case in cases {
         let rows = || rows.iter().filter(|row| (row.filter, row.lighting, row.method) == case);

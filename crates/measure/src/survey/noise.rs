@@ -161,11 +161,9 @@ impl Series {
 
     /// Picture of the pixels' signal-to-noise ratios. `color` maps a ratio in dB to a colour; background is black.
     pub fn map(&self, color: impl Fn(f64) -> [f64; 3]) -> Picture {
-        let pixel = |variance: Option<f64>| match variance {
-            Some(variance) => Picture::quantise(color(psnr_db(variance)).map(|c| c as f32)),
-            None => [0; 3],
-        };
-        let rgb = self.variances(ColorSpace::Rgb).into_iter().map(pixel).collect();
+        let pixel = |variance| Picture::quantise(color(psnr_db(variance)).map(|c| c as f32));
+        let variances = self.variances(ColorSpace::Rgb).into_iter();
+        let rgb = variances.map(|variance| variance.map_or([0; 3], pixel)).collect();
         Picture { rgb, ..self.pictures[0] }
     }
 }

@@ -1,7 +1,7 @@
 //! Plot of quality against speed as SVG: a panel for each filter and lighting, with a line for each method.
 
-use super::Row;
 use super::findings::{Estimator, name};
+use super::{Row, distinct};
 use brickyard::text_file::write_text;
 use brickyard::volume::{Filter, LightingModel, Method};
 use plotters::coord::Shift;
@@ -37,12 +37,7 @@ pub fn write(path: &Path, rows: &[Row], by: Estimator) -> Result<(), String> {
 }
 
 fn draw(svg: &mut String, rows: &[Row], by: Estimator) -> Result<(), Box<dyn std::error::Error>> {
-    let mut looks: Vec<(LightingModel, Filter)> = Vec::new();
-    for row in rows {
-        if !looks.contains(&(row.lighting, row.filter)) {
-            looks.push((row.lighting, row.filter));
-        }
-    }
+    let looks = distinct(rows.iter().map(|row| (row.lighting, row.filter)));
     let columns = looks.len().min(2) as u32;
     let size = (PANEL_PX.0 * columns, PANEL_PX.1 * (looks.len() as u32).div_ceil(2));
     let root = SVGBackend::with_string(svg, size).into_drawing_area();

@@ -11,43 +11,51 @@ const MAX_DEPTH: usize = 64;
 /// Greatest length in characters.
 const MAX_LENGTH: usize = 4096;
 
-const FUNCTIONS: [(&str, usize); 19] = [
-    ("abs", 1),
-    ("sign", 1),
-    ("floor", 1),
-    ("ceil", 1),
-    ("round", 1),
-    ("sqrt", 1),
-    ("exp", 1),
-    ("log", 1),
-    ("sin", 1),
-    ("cos", 1),
-    ("valid", 1),
-    ("min", 2),
-    ("max", 2),
-    ("pow", 2),
-    ("default", 2),
-    ("step", 2),
-    ("clamp", 3),
-    ("mix", 3),
-    ("smoothstep", 3),
+/// The operations of a function's arguments.
+#[derive(Clone, Copy)]
+enum Function {
+    Of1(Unary),
+    Of2(Binary),
+    Of3(fn(&mut Parser<'_>, [usize; 3]) -> Operand),
+}
+
+const FUNCTIONS: [(&str, Function); 19] = [
+    ("abs", Function::Of1(Unary::Abs)),
+    ("sign", Function::Of1(Unary::Sign)),
+    ("floor", Function::Of1(Unary::Floor)),
+    ("ceil", Function::Of1(Unary::Ceil)),
+    ("round", Function::Of1(Unary::Round)),
+    ("sqrt", Function::Of1(Unary::Sqrt)),
+    ("exp", Function::Of1(Unary::Exp)),
+    ("log", Function::Of1(Unary::Log)),
+    ("sin", Function::Of1(Unary::Sin)),
+    ("cos", Function::Of1(Unary::Cos)),
+    ("valid", Function::Of1(Unary::Valid)),
+    ("min", Function::Of2(Binary::Min)),
+    ("max", Function::Of2(Binary::Max)),
+    ("pow", Function::Of2(Binary::Power)),
+    ("default", Function::Of2(Binary::Default)),
+    ("step", Function::Of2(Binary::LessOrEqual)),
+    ("clamp", Function::Of3(|parser, of| parser.clamp(of))),
+    ("mix", Function::Of3(|parser, of| parser.mix(of))),
+    ("smoothstep", Function::Of3(|parser, of| parser.smoothstep(of))),
 ];
 
-/// Binary operators and their tightness.
-const OPERATORS: [(&str, u8); 13] = [
-    ("||", 2),
-    ("&&", 3),
-    ("==", 4),
-    ("!=", 4),
-    ("<=", 5),
-    (">=", 5),
-    ("<", 5),
-    (">", 5),
-    ("+", 6),
-    ("-", 6),
-    ("*", 7),
-    ("/", 7),
-    ("^", POWER),
+/// Binary operators, their tightness and operation; `!=` is the opposite of its own, `>` and `>=` are with exchanged operands.
+const OPERATORS: [(&str, u8, Binary); 13] = [
+    ("||", 2, Binary::Or),
+    ("&&", 3, Binary::And),
+    ("==", 4, Binary::Equal),
+    ("!=", 4, Binary::Equal),
+    ("<=", 5, Binary::LessOrEqual),
+    (">=", 5, Binary::LessOrEqual),
+    ("<", 5, Binary::Less),
+    (">", 5, Binary::Less),
+    ("+", 6, Binary::Add),
+    ("-", 6, Binary::Subtract),
+    ("*", 7, Binary::Multiply),
+    ("/", 7, Binary::Divide),
+    ("^", POWER, Binary::Power),
 ];
 
 const CHOICE: u8 = 1;
@@ -139,11 +147,15 @@ impl Parser<'_> {
         loop {
             self.peek();
             let rest = self.rest();
-            let operator = OPERATORS.iter().find(|(token, tightness)| rest.starts_with(token) && *tightness > loosest);
-            if let Some(&(token, tightness)) = operator {
+            let is_next = |(token, tightness, _): &&(&str, u8, Binary)| rest.starts_with(token) && *tightness > loosest;
+            if let Some(&(token, tightness, binary)) = OPERATORS.iter().find(is_next) {
                 self.at += token.len();
                 let right = self.expression(if tightness == POWER { SIGN - 1 } else { tightness })?;
-                left = self.operator(token, left, right)?;
+                let (x, y) = if token.starts_with('>') { (right, left) } else { (left, right) };
+                left = self.binary(binary, x, y)?;
+                if token == "!=" {
+                    left = self.unary(Unary::Not, left)?;
+                }
             } else if loosest < CHOICE && self.accept("?") {
                 let yes = self.expression(0)?;
                 self.expect(":")?;
@@ -153,27 +165,6 @@ impl Parser<'_> {
                 self.depth -= 1;
                 return Ok(left);
             }
-        }
-    }
-
-    fn operator(&mut self, token: &str, x: usize, y: usize) -> Operand {
-        match token {
-            "||" => self.binary(Binary::Or, x, y),
-            "&&" => self.binary(Binary::And, x, y),
-            "==" => self.binary(Binary::Equal, x, y),
-            "!=" => {
-                let equal = self.binary(Binary::Equal, x, y)?;
-                self.unary(Unary::Not, equal)
-            }
-            "<=" => self.binary(Binary::LessOrEqual, x, y),
-            ">=" => self.binary(Binary::LessOrEqual, y, x),
-            "<" => self.binary(Binary::Less, x, y),
-            ">" => self.binary(Binary::Less, y, x),
-            "+" => self.binary(Binary::Add, x, y),
-            "-" => self.binary(Binary::Subtract, x, y),
-            "*" => self.binary(Binary::Multiply, x, y),
-            "/" => self.binary(Binary::Divide, x, y),
-            _ => self.binary(Binary::Power, x, y),
         }
     }
 
@@ -211,9 +202,7 @@ impl Parser<'_> {
             length = rest.len() - power.len() + digits(power);
         }
         let number = rest[..length].parse().ok().filter(|number: &f64| number.is_finite());
-        let Some(number) = number else {
-            return Err(self.error(self.at, format!("'{}' is no number", &rest[..length])));
-        };
+        let number = number.ok_or_else(|| self.error(self.at, format!("'{}' is no number", &rest[..length])))?;
         self.at += length;
         self.push(Operation::Number(number))
     }
@@ -222,40 +211,39 @@ impl Parser<'_> {
         let rest = self.rest();
         let length = rest.len() - rest.trim_start_matches(|c: char| c.is_ascii_alphanumeric() || c == '_').len();
         let name = rest[..length].to_string();
-        let start = self.at;
-        if let Some((_, count)) = FUNCTIONS.iter().find(|(function, _)| *function == name) {
+        if let Some(&(name, function)) = FUNCTIONS.iter().find(|(function, _)| *function == name) {
             self.at += length;
-            return self.function(&name, start, *count);
+            return self.function(name, function);
         }
         if name == "pi" {
             self.at += length;
             return self.push(Operation::Number(std::f64::consts::PI));
         }
         let volumes = self.volumes;
-        match volume(&name) {
+        let problem = match volume(&name) {
             Some(volume) if volume < volumes => {
                 self.at += length;
-                self.push(Operation::Volume(volume))
+                return self.push(Operation::Volume(volume));
             }
+            Some(_) if volumes == 1 => format!("there is no volume {name}: there is one volume, a"),
             Some(_) => {
-                let there = match volumes {
-                    1 => "there is one volume, a".to_string(),
-                    _ => format!("there are {volumes} volumes, {} to {}", title(0), title(volumes - 1)),
-                };
-                Err(self.error(start, format!("there is no volume {name}: {there}")))
+                let last = title(volumes - 1);
+                format!("there is no volume {name}: there are {volumes} volumes, {} to {last}", title(0))
             }
             None => {
-                let known: Vec<_> = FUNCTIONS.iter().map(|(function, _)| *function).collect();
-                let known = known.join(", ");
-                let problem = format!(
-                    "unknown name '{name}': expected a volume (a, b, ... or v0, v1, ...), pi, or one of {known}"
-                );
-                Err(self.error(start, problem))
+                let known = FUNCTIONS.map(|(function, _)| function).join(", ");
+                format!("unknown name '{name}': expected a volume (a, b, ... or v0, v1, ...), pi, or one of {known}")
             }
-        }
+        };
+        Err(self.error(self.at, problem))
     }
 
-    fn function(&mut self, name: &str, start: usize, count: usize) -> Operand {
+    fn function(&mut self, name: &str, function: Function) -> Operand {
+        let count = match function {
+            Function::Of1(_) => 1,
+            Function::Of2(_) => 2,
+            Function::Of3(_) => 3,
+        };
         self.expect("(")?;
         let mut arguments = [0; 3];
         for i in 0..count {
@@ -268,46 +256,31 @@ impl Parser<'_> {
             let has = if count == 1 { "1 argument".to_string() } else { format!("{count} arguments") };
             return Err(self.expected(&format!("')' as {name} has {has}")));
         }
-        let [x, y, z] = arguments;
-        match name {
-            "abs" => self.unary(Unary::Abs, x),
-            "sign" => self.unary(Unary::Sign, x),
-            "floor" => self.unary(Unary::Floor, x),
-            "ceil" => self.unary(Unary::Ceil, x),
-            "round" => self.unary(Unary::Round, x),
-            "sqrt" => self.unary(Unary::Sqrt, x),
-            "exp" => self.unary(Unary::Exp, x),
-            "log" => self.unary(Unary::Log, x),
-            "sin" => self.unary(Unary::Sin, x),
-            "cos" => self.unary(Unary::Cos, x),
-            "valid" => self.unary(Unary::Valid, x),
-            "min" => self.binary(Binary::Min, x, y),
-            "max" => self.binary(Binary::Max, x, y),
-            "pow" => self.binary(Binary::Power, x, y),
-            "default" => self.binary(Binary::Default, x, y),
-            "step" => self.binary(Binary::LessOrEqual, x, y),
-            "clamp" => {
-                let raised = self.binary(Binary::Max, x, y)?;
-                self.binary(Binary::Min, raised, z)
-            }
-            "mix" => {
-                let difference = self.binary(Binary::Subtract, y, x)?;
-                let share = self.binary(Binary::Multiply, difference, z)?;
-                self.binary(Binary::Add, x, share)
-            }
-            "smoothstep" => self.smoothstep(x, y, z),
-            _ => Err(self.error(start, format!("unknown function '{name}'"))),
+        match function {
+            Function::Of1(unary) => self.unary(unary, arguments[0]),
+            Function::Of2(binary) => self.binary(binary, arguments[0], arguments[1]),
+            Function::Of3(operations) => operations(self, arguments),
         }
     }
 
+    fn clamp(&mut self, [x, low, high]: [usize; 3]) -> Operand {
+        let raised = self.binary(Binary::Max, x, low)?;
+        self.binary(Binary::Min, raised, high)
+    }
+
+    fn mix(&mut self, [from, to, share]: [usize; 3]) -> Operand {
+        let difference = self.binary(Binary::Subtract, to, from)?;
+        let added = self.binary(Binary::Multiply, difference, share)?;
+        self.binary(Binary::Add, from, added)
+    }
+
     /// 0 up to `low`, 1 from `high` on, `t * t * (3 - 2 * t)` in between.
-    fn smoothstep(&mut self, low: usize, high: usize, x: usize) -> Operand {
+    fn smoothstep(&mut self, [low, high, x]: [usize; 3]) -> Operand {
         let above = self.binary(Binary::Subtract, x, low)?;
         let width = self.binary(Binary::Subtract, high, low)?;
         let share = self.binary(Binary::Divide, above, width)?;
         let (zero, one) = (self.push(Operation::Number(0.0))?, self.push(Operation::Number(1.0))?);
-        let raised = self.binary(Binary::Max, share, zero)?;
-        let t = self.binary(Binary::Min, raised, one)?;
+        let t = self.clamp([share, zero, one])?;
         let square = self.binary(Binary::Multiply, t, t)?;
         let (two, three) = (self.push(Operation::Number(2.0))?, self.push(Operation::Number(3.0))?);
         let twice = self.binary(Binary::Multiply, two, t)?;

@@ -2,6 +2,7 @@
 //! Judged by conservative ranges of all operations' results.
 
 use super::{Binary, Expression, Operation, Range, Unary};
+use crate::ensure::ensure;
 
 /// Greatest of the consecutive whole numbers in f32.
 pub const GREATEST_WHOLE: f64 = 16_777_216.0;
@@ -62,9 +63,8 @@ impl Expression {
         self.check_steps(volumes)?;
         for volume in self.volumes() {
             let Operand { range: [low, high], error, .. } = volumes[volume];
-            if volumes[volume].is_rounded() && error > UNSEEN * (high - low) {
-                return Err(PrecisionError::Whole(high.abs().max(low.abs())));
-            }
+            let is_seen = volumes[volume].is_rounded() && error > UNSEEN * (high - low);
+            ensure(!is_seen, || PrecisionError::Whole(high.abs().max(low.abs())))?;
         }
         if !is_single {
             return Ok(());
@@ -74,18 +74,13 @@ impl Expression {
         for (operation, range) in self.operations.iter().zip(&ranges) {
             let &Some([low, high]) = range else { continue };
             let greatest = high.abs().max(low.abs());
-            if greatest > GREATEST && (greatest.is_finite() || operation.makes_infinite(&ranges)) {
-                return Err(PrecisionError::TooGreat(greatest));
-            }
-            if greatest > 0.0 && greatest < LEAST {
-                return Err(PrecisionError::TooSmall(greatest));
-            }
+            let is_too_great = greatest > GREATEST && (greatest.is_finite() || operation.makes_infinite(&ranges));
+            ensure(!is_too_great, || PrecisionError::TooGreat(greatest))?;
+            ensure(!(greatest > 0.0 && greatest < LEAST), || PrecisionError::TooSmall(greatest))?;
         }
         Ok(())
     }
-}
 
-impl Expression {
     /// Checks that no operation with steps depends on rounded values. Comparing a volume with an exact number is harmless, as rounding keeps the
     /// order of values.
     fn check_steps(&self, volumes: &[Operand]) -> Result<(), PrecisionError> {

@@ -33,5 +33,5 @@ pub(super) fn automatic(foreground: &Foreground, high: f64, unit_distance: f64) 
         let color = colors.iter().enumerate().map(|(i, [r, g, b])| [place(i), *r, *g, *b]).collect();
         (color, [low, surface, body].into_iter().zip(FIELD).map(Into::into).collect())
     };
-    TransferFunction { color, opacity, unit_distance, ..TransferFunction::default() }
+    TransferFunction::new(color, opacity, unit_distance)
 }

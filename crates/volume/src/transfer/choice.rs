@@ -3,7 +3,7 @@
 //! function without any I/O, at the cost of copying its points.
 
 use super::{Subject, TransferError, TransferFunction, automatic};
-use serde::de::{DeserializeOwned, Error};
+use serde::de::Error;
 use serde::{Deserialize, Deserializer, Serialize};
 use serde_json::Value;
 use std::path::PathBuf;
@@ -102,23 +102,18 @@ impl From<TransferFunction> for TransferChoice {
 impl<'de> Deserialize<'de> for TransferChoice {
     fn deserialize<D: Deserializer<'de>>(input: D) -> Result<Self, D::Error> {
         // By hand: errors of serde's untagged enums do not name an unknown field.
-        fn read<T: DeserializeOwned, E: Error>(
-            value: Value,
-            choice: fn(T) -> TransferChoice,
-        ) -> Result<TransferChoice, E> {
-            serde_json::from_value(value).map(choice).map_err(E::custom)
-        }
         let value = Value::deserialize(input)?;
-        if value.get("preset").is_some() {
-            read(value, Self::Preset)
+        let choice = if value.get("preset").is_some() {
+            serde_json::from_value(value).map(Self::Preset)
         } else if value.get("file").is_some() {
-            read(value, Self::File)
+            serde_json::from_value(value).map(Self::File)
         } else if value.is_object() {
-            read(value, Self::Function)
+            serde_json::from_value(value).map(Self::Function)
         } else {
             let problem = r#"expected a transfer function, {"preset": NAME} or {"file": PATH}"#;
-            Err(D::Error::custom(format!("{problem}, found {value}")))
-        }
+            return Err(D::Error::custom(format!("{problem}, found {value}")));
+        };
+        choice.map_err(D::Error::custom)
     }
 }
 

@@ -3,6 +3,8 @@
 //! Between two of VTK's nodes the first one's midpoint is the place of the half-way value, and its sharpness the suddenness of
 //! the change: 0 is two straight lines, 1 a step, and anything in between a cubic (`vtkPiecewiseFunction::GetTable`).
 
+use super::{TransferError, check_points};
+
 /// Greatest distance of the straight lines from the curve: a quarter of one step of an 8-bit picture.
 const TOLERANCE: f64 = 0.25 / 255.0;
 
@@ -22,6 +24,22 @@ impl<const N: usize> Node<N> {
     fn middle(&self) -> f64 {
         self.midpoint.clamp(0.001, 0.999)
     }
+}
+
+impl Node<2> {
+    /// The nodes of a list of opacities, each `[value, alpha, midpoint, sharpness]`.
+    pub(super) fn opacities(list: &'static str, points: &[[f64; 4]]) -> Result<Vec<Self>, TransferError> {
+        check_points(list, points)?;
+        let node =
+            |&[value, alpha, midpoint, sharpness]: &[f64; 4]| Self { point: [value, alpha], midpoint, sharpness };
+        Ok(points.iter().map(node).collect())
+    }
+}
+
+/// A point moved to a value.
+pub(super) fn moved<const N: usize>(mut point: [f64; N], value: f64) -> [f64; N] {
+    point[0] = value;
+    point
 }
 
 /// The points of a curve through nodes, in order of their values: those at one value stay in the file's order, as a step.
@@ -44,17 +62,12 @@ fn between<const N: usize>(node: &Node<N>, next: [f64; N], points: &mut Vec<[f64
     }
     if node.sharpness > 0.99 {
         let value = a[0] + middle * (next[0] - a[0]);
-        let at_step = |mut point: [f64; N]| {
-            point[0] = value;
-            point
-        };
-        points.extend([at_step(a), at_step(next)]);
+        points.extend([moved(a, value), moved(next, value)]);
     } else if node.sharpness >= 0.01 {
         follow(&|t| cubic(node, next, t), middle, points);
     } else if middle != 0.5 {
-        let mut point: [f64; N] = std::array::from_fn(|k| (a[k] + next[k]) / 2.0);
-        point[0] = a[0] + middle * (next[0] - a[0]);
-        points.push(point);
+        let mean = std::array::from_fn(|k| (a[k] + next[k]) / 2.0);
+        points.push(moved(mean, a[0] + middle * (next[0] - a[0])));
     }
 }
 
@@ -68,9 +81,8 @@ fn cubic<const N: usize>(node: &Node<N>, next: [f64; N], t: f64) -> [f64; N] {
     // Hermite's, with the same slope at both ends.
     let (rise, slopes) = (3.0 * s2 - 2.0 * s3, 2.0 * s3 - 3.0 * s2 + s);
     let done = (rise + slopes * (1.0 - sharpness)).clamp(0.0, 1.0);
-    let mut point: [f64; N] = std::array::from_fn(|k| a[k] + done * (next[k] - a[k]));
-    point[0] = a[0] + t * (next[0] - a[0]);
-    point
+    let point = std::array::from_fn(|k| a[k] + done * (next[k] - a[k]));
+    moved(point, a[0] + t * (next[0] - a[0]))
 }
 
 /// Adds points of a curve over `t` in 0..1, without its ends, dense enough for straight lines within the tolerance. The curve

@@ -8,7 +8,7 @@
 //! | volume property, `.vp` (`slicer`) | 3D Slicer | text that begins with a number |
 
 use super::imported::{Imported, Subject};
-use super::{TransferError, TransferFunction, paraview, slicer};
+use super::{TransferError, paraview, slicer};
 use serde_json::Value;
 
 /// Parses a transfer function from a file's text: of several functions the one called `name`, or the first if this
@@ -40,9 +40,7 @@ fn unknown_name(name: &str) -> TransferError {
 }
 
 fn own(text: &str) -> Result<Imported, TransferError> {
-    let transfer: TransferFunction = serde_json::from_str(text)?;
-    transfer.validate()?;
-    Ok(Imported { transfer, remarks: Vec::new() })
+    Imported::checked(serde_json::from_str(text)?, Vec::new())
 }
 
 /// Parses JSON. Python, among others, writes `NaN` and `Infinity` into it, which a parser treats as damage.

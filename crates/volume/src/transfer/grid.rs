@@ -53,16 +53,15 @@ impl TransferGrid {
         let factors: Vec<f64> = (0..COLUMNS).map(|column| transfer.factor(axes.gradient(column))).collect();
         let mut entries = Vec::with_capacity(axes.rows * COLUMNS);
         let values = axes.values(transfer);
-        for value in &values {
-            let value = *value;
-            let ([r, g, b], alpha) = (transfer.rgb(value), transfer.alpha(value));
+        for &value in &values {
+            let [r, g, b, alpha] = transfer.rgba(value);
             entries.extend(factors.iter().map(|factor| [r, g, b, alpha * factor].map(|v| v as f32)));
         }
         let regions: Vec<Fitted> = transfer.regions.iter().filter_map(|region| axes.fit(region)).collect();
         for (_, rows, columns) in &regions {
             for row in rows.clone() {
                 let (value, own) = (values[row], axes.value(row));
-                let ([r, g, b], alpha) = (transfer.rgb(value), transfer.alpha(value));
+                let [r, g, b, alpha] = transfer.rgba(value);
                 for column in columns.clone() {
                     let gradient = axes.gradient(column);
                     let media = regions.iter().map(|(region, ..)| (region.color, region.alpha(own, gradient)));
@@ -107,11 +106,8 @@ impl TransferGrid {
 
     /// Iterates over this many entries' greatest opacity, whatever the gradient, among values within one entry.
     pub(crate) fn most(&self, entries: usize, entries_per_code: usize) -> impl Iterator<Item = f32> {
-        let most: Vec<f32> = self
-            .entries
-            .chunks_exact(COLUMNS)
-            .map(|row| row.iter().map(|entry| entry[3]).fold(0.0, f32::max))
-            .collect();
+        let greatest = |row: &[[f32; 4]]| row.iter().map(|entry| entry[3]).fold(0.0, f32::max);
+        let most: Vec<f32> = self.entries.chunks_exact(COLUMNS).map(greatest).collect();
         let (first, per_code, last) = (self.first_code, self.rows_per_code, most.len() - 1);
         (0..entries).map(move |entry| {
             let position = |entry: f32| ((entry / entries_per_code as f32 - first) * per_code).clamp(0.0, last as f32);
@@ -215,16 +211,13 @@ fn rows_per_code(transfer: &TransferFunction, encoding: &SlotEncoding, [low, hig
         return 1.0;
     }
     let is_near = |per_code: &f64| {
-        let at = |row: f64| {
-            let value = encoding.value_of_code(row / per_code);
-            (transfer.rgb(value), transfer.alpha(value))
-        };
+        let at = |row: f64| transfer.rgba(encoding.value_of_code(row / per_code));
         let (first, last) = ((low * per_code) as u64, (high * per_code) as u64);
         (first..last).all(|row| {
-            let [(a, before), (middle, alpha), (b, behind)] = [0.0, 0.5, 1.0].map(|part| at(row as f64 + part));
-            let share = behind / (before + behind).max(f64::MIN_POSITIVE);
+            let [a, middle, b] = [0.0, 0.5, 1.0].map(|part| at(row as f64 + part));
+            let share = b[3] / (a[3] + b[3]).max(f64::MIN_POSITIVE);
             let off = (0..3).map(|k| (a[k] + share * (b[k] - a[k]) - middle[k]).abs()).fold(0.0, f64::max);
-            alpha == 0.0 || off <= 1.0 / 255.0
+            middle[3] == 0.0 || off <= 1.0 / 255.0
         })
     };
     let steps = std::iter::successors(Some(entries_per_code(transfer, encoding) as f64), |step| Some(2.0 * step));

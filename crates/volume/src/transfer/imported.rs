@@ -1,6 +1,6 @@
 //! Input and output of the readers of transfer function files.
 
-use super::{TransferFunction, automatic};
+use super::{TransferError, TransferFunction, automatic};
 use crate::foreground::Foreground;
 use crate::geometry::Geometry;
 use crate::labels::LabelLook;
@@ -64,13 +64,8 @@ impl Subject {
     /// The default function: a gray ramp over the window; for labels, each opaque in its own colour.
     pub fn default_function(&self) -> TransferFunction {
         if self.is_labels {
-            let (opacity, labels) = (vec![[0.0, 1.0]], Some(LabelLook::hashed()));
-            return TransferFunction {
-                opacity,
-                unit_distance: self.unit_distance,
-                labels,
-                ..TransferFunction::default()
-            };
+            let (opacity, labels, unit_distance) = (vec![[0.0, 1.0]], Some(LabelLook::hashed()), self.unit_distance);
+            return TransferFunction { opacity, labels, unit_distance, ..TransferFunction::default() };
         }
         TransferFunction::preset("gray", self.window, self.unit_distance).expect("'gray' is a preset")
     }
@@ -92,4 +87,12 @@ pub struct Imported {
     pub transfer: TransferFunction,
     /// Omissions and choices of the reader, for the user: a sentence each.
     pub remarks: Vec<String>,
+}
+
+impl Imported {
+    /// A function to be validated, and remarks about it.
+    pub(super) fn checked(transfer: TransferFunction, remarks: Vec<String>) -> Result<Self, TransferError> {
+        transfer.validate()?;
+        Ok(Self { transfer, remarks })
+    }
 }

@@ -37,66 +37,52 @@ pub(super) fn read(maps: &[Value], name: Option<&str>, subject: &Subject) -> Res
     let title = title(map);
     let foreign = |problem: String| TransferError::Foreign { form: FORM, problem: format!("{title}: {problem}") };
     let map = ColorMap::deserialize(map).map_err(|error| foreign(error.to_string()))?;
-    let rgb_points = map.rgb_points.as_deref().ok_or_else(|| {
-        foreign(
-            "expected 'RGBPoints', a list of value, r, g, b (colours of categories are no transfer function)".into(),
-        )
-    })?;
-    let color =
-        colors(fours("RGBPoints", rgb_points).map_err(foreign)?, color_space(&map, &mut remarks).map_err(foreign)?)?;
+    let expected = "expected 'RGBPoints', a list of value, r, g, b (colours of categories are no transfer function)";
+    let rgb_points = map.rgb_points.as_deref().ok_or_else(|| foreign(expected.into()))?;
+    let rgb_points = fours("RGBPoints", rgb_points).map_err(foreign)?;
+    let color = colors(rgb_points, color_space(&map, &mut remarks).map_err(foreign)?)?;
     let span = (color[0][0], color[color.len() - 1][0]);
     let transfer = match map.points.as_deref() {
         Some(points) => {
-            let nodes = opacities(fours("Points", points).map_err(foreign)?)?;
-            TransferFunction {
-                color,
-                opacity: curve::points(nodes),
-                unit_distance: subject.cell_length,
-                ..TransferFunction::default()
-            }
+            let nodes = Node::opacities("Points", &fours("Points", points).map_err(foreign)?)?;
+            TransferFunction::new(color, curve::points(nodes), subject.cell_length)
         }
         None => {
-            let ramp = TransferFunction {
-                color: Vec::new(),
-                opacity: RISING.to_vec(),
-                unit_distance: subject.unit_distance,
-                ..TransferFunction::default()
-            };
+            let ramp = TransferFunction::new(Vec::new(), RISING.to_vec(), subject.unit_distance);
             TransferFunction { color, ..ramp.stretched((0.0, 1.0), span) }
         }
     };
     let transfer = fit(transfer, subject, &mut remarks);
-    transfer.validate()?;
-    Ok(Imported { transfer, remarks })
+    Imported::checked(transfer, remarks)
 }
 
 fn choose<'a>(maps: &'a [Value], name: Option<&str>, remarks: &mut Vec<String>) -> Result<&'a Value, TransferError> {
     let Some(first) = maps.first() else {
         return Err(TransferError::Foreign { form: FORM, problem: "the list is empty, expected at least one".into() });
     };
-    let names = || maps.iter().filter_map(|map| map.get("Name")?.as_str());
-    match name {
-        Some(name) => maps.iter().find(|map| map.get("Name").and_then(Value::as_str) == Some(name)).ok_or_else(|| {
-            let listed = names().take(LISTED).collect::<Vec<_>>().join(", ");
-            let more = names().count().saturating_sub(LISTED);
-            let more = if more > 0 { format!(", and {more} more") } else { String::new() };
-            let known = format!("there are {listed}{more}");
-            TransferError::UnknownName { name: name.to_string(), hint: near_name::hint(name, names()), known }
-        }),
-        None => {
-            if maps.len() > 1 {
-                let (count, title) = (maps.len(), title(first));
-                remarks.push(format!(
-                    "{title} is the first of {count} colour maps: append '#' and a name to the file's for another"
-                ));
-            }
-            Ok(first)
+    let Some(name) = name else {
+        if maps.len() > 1 {
+            let first_of = format!("{} is the first of {} colour maps", title(first), maps.len());
+            remarks.push(format!("{first_of}: append '#' and a name to the file's for another"));
         }
-    }
+        return Ok(first);
+    };
+    maps.iter().find(|map| name_of(map) == Some(name)).ok_or_else(|| {
+        let names = || maps.iter().filter_map(name_of);
+        let listed = names().take(LISTED).collect::<Vec<_>>().join(", ");
+        let more = names().count().saturating_sub(LISTED);
+        let more = if more > 0 { format!(", and {more} more") } else { String::new() };
+        let known = format!("there are {listed}{more}");
+        TransferError::UnknownName { name: name.to_string(), hint: near_name::hint(name, names()), known }
+    })
+}
+
+fn name_of(map: &Value) -> Option<&str> {
+    map.get("Name")?.as_str()
 }
 
 fn title(map: &Value) -> String {
-    map.get("Name").and_then(Value::as_str).map_or("a map without a name".to_string(), |name| format!("'{name}'"))
+    name_of(map).map_or("a map without a name".to_string(), |name| format!("'{name}'"))
 }
 
 /// Numbers by four.
@@ -142,9 +128,8 @@ fn colors(mut points: Vec<[f64; 4]>, space: ColorSpace) -> Result<Vec<[f64; 4]>,
             [a[0] + t * (b[0] - a[0]), r, g, b_]
         };
         match space {
-            _ if a[0] == b[0] => {}
-            ColorSpace::Rgb => {}
-            ColorSpace::Step => color.push([a[0], b[1], b[2], b[3]]),
+            _ if a[0] == b[0] || space == ColorSpace::Rgb => {}
+            ColorSpace::Step => color.push(curve::moved(b, a[0])),
             _ => curve::follow(&mixed, 0.5, &mut color),
         }
     }
@@ -154,16 +139,9 @@ fn colors(mut points: Vec<[f64; 4]>, space: ColorSpace) -> Result<Vec<[f64; 4]>,
     Ok(color)
 }
 
-fn opacities(points: Vec<[f64; 4]>) -> Result<Vec<Node<2>>, TransferError> {
-    check_points("Points", &points)?;
-    let node = |[value, alpha, midpoint, sharpness]: [f64; 4]| Node { point: [value, alpha], midpoint, sharpness };
-    Ok(points.into_iter().map(node).collect())
-}
-
 /// Stretches a map with conventional values over the window.
 fn fit(transfer: TransferFunction, subject: &Subject, remarks: &mut Vec<String>) -> TransferFunction {
-    let values = || transfer.color.iter().map(|p| p[0]).chain(transfer.opacity.iter().map(|p| p[0]));
-    let span = (values().fold(f64::INFINITY, f64::min), values().fold(f64::NEG_INFINITY, f64::max));
+    let span = transfer.span();
     if span != (0.0, 1.0) && span != (-1.0, 1.0) {
         return transfer;
     }

@@ -30,15 +30,9 @@ impl TransferFunction {
     /// [`TransferError::UnknownPreset`], with the names of all presets.
     pub fn preset(name: &str, window: (f64, f64), unit_distance: f64) -> Result<Self, TransferError> {
         let over_window = |color: &[[f64; 4]], opacity: &[[f64; 2]]| {
-            let function = Self { color: color.to_vec(), opacity: opacity.to_vec(), unit_distance, ..Self::default() };
-            function.stretched((0.0, 1.0), window)
+            Self::new(color.to_vec(), opacity.to_vec(), unit_distance).stretched((0.0, 1.0), window)
         };
-        let hounsfield = |color: &[[f64; 4]], opacity: &[[f64; 2]]| Self {
-            color: color.to_vec(),
-            opacity: opacity.to_vec(),
-            unit_distance: 2.0,
-            ..Self::default()
-        };
+        let hounsfield = |color: &[[f64; 4]], opacity: &[[f64; 2]]| Self::new(color.to_vec(), opacity.to_vec(), 2.0);
         Ok(match name {
             automatic::NAME => automatic::automatic(&Foreground::of_window(window), window.1, unit_distance),
             "gray" => over_window(&ramp(&[[0.0; 3], [1.0; 3]]), &RISING),

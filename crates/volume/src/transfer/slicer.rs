@@ -17,6 +17,7 @@
 use super::curve::{self, Node};
 use super::imported::{Imported, Subject};
 use super::{TransferError, TransferFunction, check_points, interpolate};
+use crate::ensure::ensure;
 use serde::Deserialize;
 use serde_json::Value;
 
@@ -45,34 +46,25 @@ pub(super) fn read_text(text: &str, subject: &Subject) -> Result<Imported, Trans
     let gradient = text_points::<2>("gradient opacity (line 8)", lines.next())?;
     let color = text_points::<4>("colours (line 9)", lines.next())?;
     let transfer = TransferFunction {
-        color: curve::points(straight(color)),
-        opacity: curve::points(straight(opacity)),
-        unit_distance: 1.0,
         gradient_opacity: by_world_unit(straight(gradient), subject),
-        ..TransferFunction::default()
+        ..TransferFunction::new(curve::points(straight(color)), curve::points(straight(opacity)), 1.0)
     };
-    imported(transfer, Vec::new())
+    Imported::checked(transfer, Vec::new())
 }
 
 /// A line of points: checked, but not sorted.
 fn text_points<const N: usize>(list: &'static str, line: Option<&str>) -> Result<Vec<[f64; N]>, TransferError> {
+    let bad = |found: String| foreign(format!("{list}: found {found}"));
     let mut words = line.unwrap_or_default().split_whitespace();
-    let Some(count) = words.next() else {
-        return Err(foreign(format!("{list}: found nothing, expected a count and that many numbers")));
-    };
-    let count: usize = count
-        .parse()
-        .map_err(|_| foreign(format!("{list}: found '{count}', expected the count of the following numbers")))?;
-    let number =
-        |word: &str| word.parse::<f64>().map_err(|_| foreign(format!("{list}: found '{word}', expected a number")));
+    let count = words.next().ok_or_else(|| bad("nothing, expected a count and that many numbers".into()))?;
+    let no_count = |_| bad(format!("'{count}', expected the count of the following numbers"));
+    let count: usize = count.parse().map_err(no_count)?;
+    let number = |word: &str| word.parse::<f64>().map_err(|_| bad(format!("'{word}', expected a number")));
     let numbers = words.map(number).collect::<Result<Vec<f64>, _>>()?;
     let (points, rest) = numbers.as_chunks::<N>();
-    if numbers.len() != count || !rest.is_empty() {
-        let found = numbers.len();
-        return Err(foreign(format!(
-            "{list}: found {found} numbers, expected {count} by its count, a multiple of {N}"
-        )));
-    }
+    let found = numbers.len();
+    let miscounted = || bad(format!("{found} numbers, expected {count} by its count, a multiple of {N}"));
+    ensure(found == count && rest.is_empty(), miscounted)?;
     check_points(list, points)?;
     Ok(points.to_vec())
 }
@@ -97,7 +89,7 @@ struct VolumeProperty {
 struct Component {
     #[serde(default)]
     disable_gradient_opacity: bool,
-    #[serde(default = "unit")]
+    #[serde(default = "super::unit")]
     scalar_opacity_unit_distance: f64,
     rgb_transfer_function: Function<ColorPoint>,
     scalar_opacity: Function<OpacityPoint>,
@@ -129,10 +121,6 @@ struct ColorPoint {
     sharpness: f64,
 }
 
-fn unit() -> f64 {
-    1.0
-}
-
 fn half() -> f64 {
     0.5
 }
@@ -161,24 +149,19 @@ pub(super) fn read_json(file: Value, subject: &Subject) -> Result<Imported, Tran
     };
     let opacity = opacities("scalarOpacity", &component.scalar_opacity)?;
     let distance = component.scalar_opacity_unit_distance;
-    if !(distance.is_finite() && distance > 0.0) {
-        return Err(foreign(format!("'scalarOpacityUnitDistance' is {distance}, expected a positive number")));
-    }
+    let bad_distance = || foreign(format!("'scalarOpacityUnitDistance' is {distance}, expected a positive number"));
+    ensure(distance.is_finite() && distance > 0.0, bad_distance)?;
+    let color = curve::points(color.into_iter().map(node).collect());
     let transfer = TransferFunction {
-        color: curve::points(color.into_iter().map(node).collect()),
-        opacity: curve::points(opacity),
-        unit_distance: distance,
         gradient_opacity: by_world_unit(gradient, subject),
-        ..TransferFunction::default()
+        ..TransferFunction::new(color, curve::points(opacity), distance)
     };
-    imported(transfer, remarks)
+    Imported::checked(transfer, remarks)
 }
 
 fn opacities(list: &'static str, function: &Function<OpacityPoint>) -> Result<Vec<Node<2>>, TransferError> {
     let points: Vec<[f64; 4]> = function.points.iter().map(|p| [p.x, p.y, p.midpoint, p.sharpness]).collect();
-    check_points(list, &points)?;
-    let node = |[x, y, midpoint, sharpness]: [f64; 4]| Node { point: [x, y], midpoint, sharpness };
-    Ok(points.into_iter().map(node).collect())
+    Node::opacities(list, &points)
 }
 
 /// Gradient opacity over magnitudes in world units; none where it is 1 everywhere.
@@ -191,11 +174,6 @@ fn by_world_unit(gradient: Vec<Node<2>>, subject: &Subject) -> Vec<[f64; 2]> {
     let at_zero = points.iter().any(|point| point[0] < 0.0).then(|| interpolate(&points, 0.0));
     let others = points.into_iter().filter(|point| point[0] >= 0.0);
     at_zero.into_iter().chain(others).map(|[magnitude, factor]| [magnitude / subject.mean_spacing, factor]).collect()
-}
-
-fn imported(transfer: TransferFunction, remarks: Vec<String>) -> Result<Imported, TransferError> {
-    transfer.validate()?;
-    Ok(Imported { transfer, remarks })
 }
 
 #[cfg(test)]

@@ -53,14 +53,10 @@ impl TransferTable {
         let last = encoding.span_codes() as usize * per_code;
         // Frames without enough codes for the labels of a look are refused earlier.
         let codes = transfer.labels.as_ref().and_then(LabelCodes::of).unwrap_or_default();
-        let at = |value: f64| {
-            let [r, g, b] = transfer.rgb(value);
-            [r, g, b, transfer.alpha(value)]
-        };
         let entry = |i: usize| {
             let entry = match codes.coded(i as u32) {
-                _ if !encoding.is_hashed => at(encoding.value_of_code(i as f64 / per_code as f64)),
-                Coded::Label(label) => at(label as f64),
+                _ if !encoding.is_hashed => transfer.rgba(encoding.value_of_code(i as f64 / per_code as f64)),
+                Coded::Label(label) => transfer.rgba(label as f64),
                 Coded::Color(color) => transfer.of_other_labels(color),
                 Coded::Nothing => [0.0; 4],
             };
@@ -151,18 +147,18 @@ fn meets(transfer: &TransferFunction, encoding: &SlotEncoding, per_code: usize) 
     const SHARE: f64 = 1.0 / 256.0;
     let last = encoding.span_codes() * per_code as f64;
     let value_at = |entry: f64| encoding.value_of_code(entry / per_code as f64);
-    let place = |value: f64| Some(encoding.code(value) * per_code as f64).filter(|place| (0.0..=last).contains(place));
-    let is_color = |point: &[f64; 4]| {
-        place(point[0]).is_none_or(|place| {
-            let [a, b] = [place.floor(), place.ceil()].map(|entry| transfer.rgb(value_at(entry)));
-            (0..3).all(|k| (a[k] + place.fract() * (b[k] - a[k]) - point[k + 1]).abs() <= 0.25 * SHARE)
-        })
+    // The table's colour and opacity at a value in it, on the line between two entries.
+    let on_line = |value: f64| {
+        let place = Some(encoding.code(value) * per_code as f64).filter(|place| (0.0..=last).contains(place))?;
+        let [a, b] = [place.floor(), place.ceil()].map(|entry| transfer.rgba(value_at(entry)));
+        Some::<[f64; 4]>(std::array::from_fn(|k| a[k] + place.fract() * (b[k] - a[k])))
     };
-    let is_opacity = |point: &[f64; 2]| {
-        place(point[0]).is_none_or(|place| {
-            let [a, b] = [place.floor(), place.ceil()].map(|entry| transfer.alpha(value_at(entry)));
-            (a + place.fract() * (b - a) - point[1]).abs() <= SHARE * (point[1] + 1.0 / 64.0)
-        })
+    let is_color = |&[value, r, g, b]: &[f64; 4]| {
+        let is_near = |line: [f64; 4]| [r, g, b].iter().zip(line).all(|(c, found)| (found - c).abs() <= 0.25 * SHARE);
+        on_line(value).is_none_or(is_near)
+    };
+    let is_opacity = |&[value, alpha]: &[f64; 2]| {
+        on_line(value).is_none_or(|line| (line[3] - alpha).abs() <= SHARE * (alpha + 1.0 / 64.0))
     };
     let is_region = |region: &Region| match region.value.map(|value| encoding.code(value) * per_code as f64) {
         edges if region.shape == Shape::Rectangle => edges.iter().all(|edge| (edge - edge.round()).abs() < 1e-6),

@@ -88,28 +88,16 @@ fn bent<const N: usize>(points: &[[f64; N]], (low, high): (f64, f64), gamma: f64
         let share = (value - low) / (high - low);
         if share > 0.0 && share < 1.0 { low + (high - low) * share.powf(power) } else { value }
     };
-    let at = |value: f64| {
-        let mut point = interpolate(points, power(value, gamma));
-        point[0] = value;
-        point
-    };
+    let at = |value: f64| curve::moved(interpolate(points, power(value, gamma)), value);
     // A straight line that leaves the window has a corner there.
-    let corners = [low, high].map(|edge| {
-        let mut corner = interpolate(points, edge);
-        corner[0] = edge;
-        corner
-    });
     let mut all = points.to_vec();
-    for corner in corners {
+    for corner in [low, high].map(|edge| curve::moved(interpolate(points, edge), edge)) {
         let place = all.partition_point(|point| point[0] < corner[0]);
         if place > 0 && all.get(place).is_some_and(|next| next[0] > corner[0]) {
             all.insert(place, corner);
         }
     }
-    let placed = |mut point: [f64; N]| {
-        point[0] = power(point[0], 1.0 / gamma);
-        point
-    };
+    let placed = |point: [f64; N]| curve::moved(point, power(point[0], 1.0 / gamma));
     let mut bent = Vec::new();
     for pair in all.windows(2) {
         let [from, to] = [placed(pair[0]), placed(pair[1])];
