@@ -11,7 +11,7 @@ use crate::buffer_lru::zeroed;
 use crate::cut::{Cut, View};
 use crate::dither::PixelShare;
 use crate::draw_list::{DrawCell, DrawList, Slot};
-use crate::leave::leave;
+use crate::leave::Threads;
 use crate::ram_cache::{RamCache, layout_of};
 use crate::residency::Upload;
 use crate::slot_contents::scratch_bytes;
@@ -24,7 +24,6 @@ use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::thread::JoinHandle;
 use std::time::Duration;
 
 /// Bytes per cell of the cut, including its share of split cells and of growing lists.
@@ -235,14 +234,9 @@ const ADVISE_BATCH: usize = 16;
 
 /// The threads. Counted buffers, one per taken cell, limit reading ahead; and the first missing cell always has a buffer, so it arrives.
 struct Readers {
-    /// `None` only while dropping.
-    channels: Option<Channels>,
-    threads: Vec<JoinHandle<()>>,
-}
-
-struct Channels {
     free: Sender<Arc<[u8]>>,
     arrivals: Receiver<Arrival>,
+    threads: Threads,
 }
 
 type Arrival = (usize, Result<StandIn, BrickError>);
@@ -256,7 +250,7 @@ impl Readers {
             let _ = free.send(zeroed(cache.layout().padded_bytes()));
         }
         let next = Arc::new(AtomicUsize::new(0));
-        let mut readers = Self { channels: Some(Channels { free, arrivals }), threads: Vec::new() };
+        let mut readers = Self { free, arrivals, threads: Threads::default() };
         for i in 0..threads {
             let (cells, next, taken, sender) = (cells.clone(), next.clone(), taken.clone(), sender.clone());
             let (source, mut reader) = (cache.source().clone(), PaddedReader::new(cache.clone()));
@@ -277,31 +271,23 @@ impl Readers {
                     }
                 }
             };
-            let name = format!("exact-reader-{i}");
-            readers.threads.push(std::thread::Builder::new().name(name).spawn(work)?);
+            readers.threads.start(format!("exact-reader-{i}"), work)?;
         }
         Ok(readers)
     }
 
     fn receive(&self, timeout: Duration) -> Option<Arrival> {
-        self.channels.as_ref()?.arrivals.recv_timeout(timeout).ok()
+        self.arrivals.recv_timeout(timeout).ok()
     }
 
     /// Takes a buffer back; one with another holder is left to that holder and replaced.
     fn give_back(&self, codes: Option<Arc<[u8]>>) {
-        let (Some(mut codes), Some(channels)) = (codes, &self.channels) else { return };
+        let Some(mut codes) = codes else { return };
         if Arc::get_mut(&mut codes).is_none() {
             codes = zeroed(codes.len());
         }
         // Fails once all cells have been taken: the buffer is no longer needed.
-        let _ = channels.free.try_send(codes);
-    }
-}
-
-impl Drop for Readers {
-    fn drop(&mut self) {
-        self.channels = None;
-        leave(self.threads.drain(..));
+        let _ = self.free.try_send(codes);
     }
 }
 

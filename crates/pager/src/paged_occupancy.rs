@@ -9,7 +9,7 @@
 //!
 //! Costs about 60 ns per look-up, and 8 bytes per brick of the kept pages.
 
-use crate::leave::leave;
+use crate::leave::Threads;
 use crate::source::{BrickError, BrickSource};
 use brickyard_volume::{
     BrickId, Geometry, Level, Occupancy, OccupancyBins, PAGE_EDGE_BRICKS, PageId, Pyramid, VoxelType,
@@ -18,7 +18,6 @@ use crossbeam_channel::{Receiver, Sender, bounded, unbounded};
 use lru::LruCache;
 use std::num::NonZeroUsize;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::thread::JoinHandle;
 
 /// Source with occupancy read page by page, on demand.
 pub(crate) struct PagedOccupancy {
@@ -232,7 +231,7 @@ impl BrickSource for PagedOccupancy {
 pub(crate) struct PageReader {
     occupancy: Arc<PagedOccupancy>,
     arrivals: Receiver<()>,
-    thread: Option<JoinHandle<()>>,
+    _thread: Threads,
 }
 
 impl PageReader {
@@ -246,8 +245,9 @@ impl PageReader {
                 let _ = arrived.try_send(());
             }
         };
-        let thread = Some(std::thread::Builder::new().name("page-reader".into()).spawn(work)?);
-        Ok(Self { occupancy, arrivals, thread })
+        let mut thread = Threads::default();
+        thread.start("page-reader".into(), work)?;
+        Ok(Self { occupancy, arrivals, _thread: thread })
     }
 
     pub(crate) fn arrivals(&self) -> &Receiver<()> {
@@ -262,8 +262,6 @@ impl Drop for PageReader {
         // Keeps the thread from reading the pages left in the channel.
         pages.kept.clear();
         pages.waiting = 0;
-        drop(pages);
-        leave(self.thread.take());
     }
 }
 

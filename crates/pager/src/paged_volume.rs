@@ -94,7 +94,7 @@ impl PagedVolume {
             RamCache::with_meter(source.clone(), (layout, contents), (cores, config.keeps_decoded), meter.clone());
         let cache = Arc::new(cache.comparing(kept_hash_bytes(&**source, host_bytes)));
         kept.into_iter().for_each(|kept| cache.adopt(kept));
-        let workers = Workers::start(&cache, workers, staged, (meter.clone(), held.clone()))?;
+        let workers = Workers::start(&cache, workers, staged, meter.clone(), held.clone())?;
         let paged = |kept_bytes| PagedOccupancy::start(source.clone(), kept_bytes);
         let occupancy = match config.planning {
             Planning::Inline => None,
@@ -283,7 +283,7 @@ impl PagedVolume {
 
     /// Whether a brick or a page of occupancy waits for a frame.
     pub(crate) fn has_arrivals(&self) -> bool {
-        self.take_sign() || self.workers.arrivals().is_some_and(|arrivals| !arrivals.is_empty())
+        self.take_sign() || !self.workers.arrivals().is_empty()
     }
 
     /// Adds the channels of bricks and pages to `select`.
@@ -291,7 +291,7 @@ impl PagedVolume {
         if let Some((_, reader)) = &self.occupancy {
             select.recv(reader.arrivals());
         }
-        self.workers.arrivals().map(|arrivals| select.recv(arrivals));
+        select.recv(self.workers.arrivals());
     }
 
     /// Takes the signal of arrived occupancy pages. Returns whether there was one.

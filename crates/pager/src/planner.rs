@@ -13,18 +13,17 @@
 use crate::budget::Planning;
 use crate::cut::{Cut, Node, View, cut_capacity};
 use crate::goal::VolumeBrick;
-use crate::leave::leave;
+use crate::leave::Threads;
 use crate::plan::{self, Key};
 use crate::source::BrickSource;
 use crate::split::{self, Subject};
 use crate::tier::Tier;
 use crate::visibility::Visibility;
 use brickyard_volume::{BrickId, BrickIndex, ViewRays};
-use crossbeam_channel::{Receiver, Sender, bounded};
+use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, bounded};
 use glam::DVec3;
 use rustc_hash::FxHashSet;
 use std::sync::Arc;
-use std::thread::JoinHandle;
 use std::time::Duration;
 
 /// Longest wait of a frame for its own view's cut.
@@ -310,12 +309,11 @@ impl Planner {
 }
 
 struct PlannerThread {
-    /// `None` only while dropping.
-    jobs: Option<Sender<(u64, Job)>>,
+    jobs: Sender<(u64, Job)>,
     /// The other end, for taking back jobs.
     untaken: Receiver<(u64, Job)>,
     outlooks: Receiver<(u64, Outlook)>,
-    thread: Option<JoinHandle<()>>,
+    _thread: Threads,
 }
 
 impl PlannerThread {
@@ -343,31 +341,23 @@ impl PlannerThread {
                 }
             }
         };
-        let thread = Some(std::thread::Builder::new().name("planner".into()).spawn(work)?);
-        Ok(Self { jobs: Some(jobs), untaken, outlooks, thread })
+        let mut thread = Threads::default();
+        thread.start("planner".into(), work)?;
+        Ok(Self { jobs, untaken, outlooks, _thread: thread })
     }
 
     fn ask(&self, number: u64, job: Job) {
         while self.untaken.try_recv().is_ok() {}
-        if let Some(jobs) = &self.jobs {
-            // The planner holds the other end for life; `newest` reports its death.
-            let _ = jobs.try_send((number, job));
-        }
+        // The planner holds the other end for life; `newest` reports its death.
+        let _ = self.jobs.try_send((number, job));
     }
 
     /// The newest untaken outlook, or the next one within `patience`.
     fn newest(&self, patience: Duration) -> Option<(u64, Outlook)> {
         match self.outlooks.recv_timeout(patience) {
             Ok(outlook) => Some(outlook),
-            Err(_) if self.thread.as_ref().is_none_or(JoinHandle::is_finished) => panic!("the planner has panicked"),
-            Err(_) => None,
+            Err(RecvTimeoutError::Timeout) => None,
+            Err(RecvTimeoutError::Disconnected) => panic!("the planner has panicked"),
         }
-    }
-}
-
-impl Drop for PlannerThread {
-    fn drop(&mut self) {
-        self.jobs = None;
-        leave(self.thread.take());
     }
 }

@@ -8,7 +8,7 @@
 use crate::assemble::PaddedReader;
 use crate::budget::Meter;
 use crate::buffer_lru::zeroed;
-use crate::leave::leave;
+use crate::leave::Threads;
 use crate::ram_cache::RamCache;
 use crate::residency::{Arrival, Arrived};
 use crate::retry::Failure;
@@ -20,7 +20,6 @@ use crossbeam_channel::{Receiver, Sender, bounded};
 use rustc_hash::{FxHashMap, FxHashSet};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
-use std::thread::JoinHandle;
 use std::time::Instant;
 
 /// Bricks advised at a time. Cold reads with batches of 16 are several times faster than plain page faults.
@@ -28,9 +27,9 @@ const ADVISE_BATCH: usize = 16;
 
 pub(crate) struct Workers {
     shared: Arc<Shared>,
-    /// `None` only while dropping.
-    arrivals: Option<Receiver<Arrival>>,
-    threads: Vec<JoinHandle<()>>,
+    /// A worker waiting for room in the channel gets an error once this is dropped.
+    arrivals: Receiver<Arrival>,
+    threads: Threads,
 }
 
 struct Shared {
@@ -122,20 +121,20 @@ impl Workers {
         cache: &Arc<RamCache>,
         threads: u32,
         staged: usize,
-        (meter, held): (Arc<Meter>, Arc<SlotsByContent>),
+        meter: Arc<Meter>,
+        held: Arc<SlotsByContent>,
     ) -> std::io::Result<Self> {
         let padded_bytes = cache.layout().padded_bytes();
         let queue = Mutex::new(Queue { permits: staged, staged, ..Queue::default() });
         let shared = Arc::new(Shared { queue, wake: Condvar::new(), padded_bytes, meter, held });
         let (sender, arrivals) = bounded(staged);
-        let mut workers = Self { shared, arrivals: Some(arrivals), threads: Vec::new() };
+        let mut workers = Self { shared, arrivals, threads: Threads::default() };
         for i in 0..threads {
             let (shared, sender) = (workers.shared.clone(), sender.clone());
             let reader = PaddedReader::new(cache.clone());
             let source = cache.source().clone();
-            let name = format!("brick-worker-{i}");
             let work = move || shared.work(reader, &sender, |ids| source.advise(ids));
-            workers.threads.push(std::thread::Builder::new().name(name).spawn(work)?);
+            workers.threads.start(format!("brick-worker-{i}"), work)?;
         }
         Ok(workers)
     }
@@ -151,7 +150,7 @@ impl Workers {
 
     /// Next brick that was read or failed; `None` if there is none now.
     pub(crate) fn try_receive(&self) -> Option<Arrival> {
-        let arrival = self.arrivals.as_ref()?.try_recv().ok()?;
+        let arrival = self.arrivals.try_recv().ok()?;
         self.shared.lock().busy.remove(&arrival.id);
         Some(arrival)
     }
@@ -161,8 +160,8 @@ impl Workers {
         buffers.into_iter().for_each(|buffer| self.shared.give_back(buffer));
     }
 
-    pub(crate) fn arrivals(&self) -> Option<&Receiver<Arrival>> {
-        self.arrivals.as_ref()
+    pub(crate) fn arrivals(&self) -> &Receiver<Arrival> {
+        &self.arrivals
     }
 
     /// Whether any brick of the plan is unread, being read, or not yet received.
@@ -176,9 +175,6 @@ impl Drop for Workers {
     fn drop(&mut self) {
         self.shared.lock().stop = true;
         self.shared.wake.notify_all();
-        // A worker waiting for room in the channel gets an error instead.
-        self.arrivals = None;
-        leave(self.threads.drain(..));
     }
 }
 
