@@ -226,7 +226,7 @@ fn repeat_ends(bytes: &mut [u8], item: usize, filled: &Range<usize>) {
 mod tests {
     use super::*;
     use crate::budget::Meter;
-    use crate::ram_cache::{DecodeCounters, layout_of};
+    use crate::ram_cache::DecodeCounters;
     use crate::slot_contents::SlotContents;
     use crate::source::BrickSource;
     use crate::test_source::TestSource;
@@ -252,15 +252,10 @@ mod tests {
     }
 
     fn cache(source: TestSource, apron: u32, cores: usize) -> (Arc<RamCache>, Arc<Meter>) {
-        let layout = layout_of(&source, apron, 0, &SlotContents::Codes).unwrap();
+        let layout = Layout::new(&source, apron, 0, &SlotContents::Codes).unwrap();
         let meter = Arc::new(Meter::new((cores * layout.cached_bytes()) as u64));
         (
-            Arc::new(RamCache::with_meter(
-                Arc::new(source),
-                (layout, SlotContents::Codes),
-                (cores, true),
-                meter.clone(),
-            )),
+            Arc::new(RamCache::with_meter(Arc::new(source), layout, SlotContents::Codes, cores, true, meter.clone())),
             meter,
         )
     }
@@ -386,10 +381,9 @@ mod tests {
             let pyramid = Pyramid::new(Extent::from_array(n), [1.0; 3], 8);
             let source = TestSource::new(pyramid, [1.0; 3], VoxelType::U16).with_aprons(stored);
             let bricks = rows(&source);
-            let layout = layout_of(&source, 2 * layers, layers, &SlotContents::Codes).unwrap();
+            let layout = Layout::new(&source, 2 * layers, layers, &SlotContents::Codes).unwrap();
             let meter = Arc::new(Meter::new((4 * layout.cached_bytes()) as u64));
-            let cache =
-                Arc::new(RamCache::with_meter(Arc::new(source), (layout, SlotContents::Codes), (4, true), meter));
+            let cache = Arc::new(RamCache::with_meter(Arc::new(source), layout, SlotContents::Codes, 4, true, meter));
             let mut reader = PaddedReader::new(cache);
             let mut out = vec![0xEE; reader.padded_bytes()];
             let (mut known, mut met_again) = (HashMap::new(), 0);

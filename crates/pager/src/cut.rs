@@ -8,6 +8,7 @@
 //! one place, such as the channels of an image, share a tree, split wherever any of them needs it. A cut is a value, from which the next is
 //! computed ([`split`](crate::split)). Pure: no residency, no I/O.
 
+use crate::neighbourhood::Part;
 use crate::source::BrickSource;
 use brickyard_volume::{
     BrickId, BrickIndex, Clip, Filter, Frustum, Lattice, Level, LevelPolicy, Occupancy, PixelRect, Placement, ViewRays,
@@ -107,13 +108,8 @@ impl View {
 
     /// Whether any neighbour of a brick is not empty. A brick's own occupancy includes one voxel around it; wider filters read another one.
     fn shows_neighbour(&self, source: &dyn BrickSource, id: BrickId, mask: Occupancy) -> bool {
-        let (index, count) = (id.index.to_array(), source.pyramid().level(id.level).bricks.to_array());
-        (0..27).any(|i| {
-            // One more than the offset along each axis.
-            let at: [u32; 3] = std::array::from_fn(|a| index[a] + i / 3u32.pow(a as u32) % 3);
-            let is_there = (0..3).all(|a| (1..=count[a]).contains(&at[a]));
-            is_there && source.occupancy(BrickId { index: BrickIndex::from_array(at.map(|v| v - 1)), ..id }).meets(mask)
-        })
+        let grid = source.pyramid().level(id.level).bricks;
+        Part::lenders(id.index, grid).any(|index| source.occupancy(BrickId { index, ..id }).meets(mask))
     }
 
     pub(crate) fn id(&self, level: Level, index: BrickIndex) -> BrickId {

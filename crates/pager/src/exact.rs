@@ -11,8 +11,9 @@ use crate::buffer_lru::zeroed;
 use crate::cut::{Cut, View};
 use crate::dither::PixelShare;
 use crate::draw_list::{DrawCell, DrawList, Slot};
+use crate::layout::Layout;
 use crate::leave::Threads;
-use crate::ram_cache::{RamCache, layout_of};
+use crate::ram_cache::RamCache;
 use crate::residency::Upload;
 use crate::slot_contents::scratch_bytes;
 use crate::source::{BrickError, BrickSource};
@@ -53,9 +54,6 @@ pub enum ExactError {
 /// Reader of one exact picture's bricks, pass by pass as uploads and draw lists.
 pub struct ExactPasses {
     cells: Arc<[BrickId]>,
-    source: Arc<dyn BrickSource>,
-    /// Bytes read by the source before.
-    bytes_read_before: u64,
     cache: Arc<RamCache>,
     meter: Arc<Meter>,
     slots: usize,
@@ -68,6 +66,7 @@ pub struct ExactPasses {
     /// Codes of the last upload, on loan to the caller until the next call.
     handed_out: Option<Arc<[u8]>>,
     readers: Readers,
+    /// Counts of uploads.
     counters: Counters,
     effective_error_px: f64,
 }
@@ -100,7 +99,7 @@ impl ExactPasses {
     /// If the host budget cannot hold the cells or a brick in flight, the apron or the gradients do not fit, or no thread can be started.
     pub fn new(source: Arc<dyn BrickSource>, view: &View, config: &PagerConfig) -> Result<Self, ExactError> {
         let contents = config.contents.first().cloned().unwrap_or_default();
-        let layout = layout_of(&*source, config.apron, config.gradient_layers, &contents)?;
+        let layout = Layout::new(&*source, config.apron, config.gradient_layers, &contents)?;
         let host_bytes = config.host_bytes;
         let max_cells = (host_bytes / 4 / BYTES_PER_CELL) as usize;
         let cut = Cut::new(&*source, view, max_cells);
@@ -124,29 +123,21 @@ impl ExactPasses {
         let HostSplit { workers, staged, cores } = split_host(host_bytes, config.workers, sizes)?;
         let meter = Arc::new(Meter::new(host_bytes));
         meter.charge(sizes.fixed + workers as u64 * sizes.scratch + staged as u64 * padded);
-        let bytes_read_before = source.bytes_read();
-        let cache = Arc::new(RamCache::with_meter(
-            source.clone(),
-            (layout, contents),
-            (cores, config.keeps_decoded),
-            meter.clone(),
-        ));
+        let cache = RamCache::with_meter(source, layout, contents, cores, config.keeps_decoded, meter.clone());
+        let cache = Arc::new(cache);
         let readers = Readers::start(&cache, &cells, workers, staged).map_err(PagerError::Thread)?;
-        let (start, draw, placed, early, handed_out, counters) = Default::default();
         Ok(Self {
             cells,
-            source,
-            bytes_read_before,
             cache,
             meter,
             slots,
-            start,
-            draw,
-            placed,
-            early,
-            handed_out,
+            start: 0,
+            draw: Vec::new(),
+            placed: 0,
+            early: BTreeMap::new(),
+            handed_out: None,
             readers,
-            counters,
+            counters: Counters::default(),
             effective_error_px,
         })
     }
@@ -178,14 +169,7 @@ impl ExactPasses {
 
     /// Totals so far. `failed` counts unreadable bricks, including those needed only for a neighbour's apron, and stored aprons.
     pub fn counters(&self) -> Counters {
-        let decoded = self.cache.counters();
-        Counters {
-            decoded: decoded.decoded,
-            bytes_read: self.source.bytes_read() - self.bytes_read_before,
-            bytes_decoded: decoded.bytes_decoded,
-            failed: decoded.failed,
-            ..self.counters
-        }
+        self.cache.totals().and(&self.counters)
     }
 
     /// Returns the next step, waiting at most `timeout`. A call ends the use of the last upload.
@@ -219,7 +203,7 @@ impl ExactPasses {
     fn place(&mut self, at: usize, StandIn { brick, codes }: StandIn) -> Upload {
         let (cell, place) = (self.cells[at], at - self.start);
         let slot = Slot(place as u32);
-        let region = self.source.pyramid().brick_box_voxel(cell.level, cell.index);
+        let region = self.cache.source().pyramid().brick_box_voxel(cell.level, cell.index);
         self.draw[place] = Some(DrawCell { cell, region, pixels: PixelShare::ALL, brick, slot, rank: at as u32 });
         self.placed += 1;
         self.counters.uploaded += 1;

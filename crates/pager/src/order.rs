@@ -12,7 +12,8 @@ use brickyard_volume::{BrickIndex, Geometry, Placement, Pyramid, ViewRays};
 pub(crate) fn back_to_front(
     pyramid: &Pyramid,
     geometry: &Geometry,
-    (rays, placement): (&ViewRays, &Placement),
+    rays: &ViewRays,
+    placement: &Placement,
     cut: &Cut,
     visible: impl Fn(&Node) -> Members,
 ) -> Vec<(NodeId, Members)> {

@@ -1,7 +1,7 @@
 //! A paged volume: its RAM cache with the workers that fill it, its visibility feedback, and its last draw list.
 
 use crate::budget::{BufferSizes, HostSplit, Meter, PagerConfig, PagerError, Planning, split_host};
-use crate::cut::{Cut, NodeId, View, roots};
+use crate::cut::{Cut, NodeId, View};
 use crate::draw_list::DrawList;
 use crate::goal::Goal;
 use crate::layout::Layout;
@@ -23,8 +23,6 @@ use std::sync::Arc;
 /// A paged volume: source, RAM cache, workers, and the bricks of its last frame.
 pub(crate) struct PagedVolume {
     pub(crate) source: Arc<dyn BrickSource>,
-    /// Bytes read by the source before.
-    bytes_read_before: u64,
     cache: Arc<RamCache>,
     workers: Workers,
     /// Occupancy for a planner that must not wait; `None` for inline planning.
@@ -39,8 +37,6 @@ pub(crate) struct PagedVolume {
     drawn: Arc<Vec<BrickId>>,
     /// Version of the visibility used by the last frame.
     gone_by: u64,
-    /// Coarsest bricks of the last view's time and channel, pinned.
-    roots: Vec<BrickId>,
     /// Uploads of the last frame: host memory until the next call.
     handed_out: Vec<Arc<[u8]>>,
 }
@@ -90,8 +86,7 @@ impl PagedVolume {
         let sizes = buffer_sizes(&**source, &layout, config.planning, host_bytes);
         let HostSplit { workers, staged, cores } = split_host(host_bytes, config.workers, sizes)?;
         meter.charge(sizes.fixed + workers as u64 * sizes.scratch);
-        let cache =
-            RamCache::with_meter(source.clone(), (layout, contents), (cores, config.keeps_decoded), meter.clone());
+        let cache = RamCache::with_meter(source.clone(), layout, contents, cores, config.keeps_decoded, meter.clone());
         let cache = Arc::new(cache.comparing(kept_hash_bytes(&**source, host_bytes)));
         kept.into_iter().for_each(|kept| cache.adopt(kept));
         let workers = Workers::start(&cache, workers, staged, meter.clone(), held.clone())?;
@@ -101,7 +96,6 @@ impl PagedVolume {
             Planning::Thread => Some(paged(kept_bytes(&**source, host_bytes))?),
         };
         Ok(Self {
-            bytes_read_before: source.bytes_read(),
             source: source.clone(),
             cache,
             workers,
@@ -111,7 +105,6 @@ impl PagedVolume {
             confirmed: 0,
             drawn: Arc::default(),
             gone_by: 0,
-            roots: Vec::new(),
             handed_out: Vec::new(),
         })
     }
@@ -148,11 +141,7 @@ impl PagedVolume {
         while let Some(arrival) = self.workers.try_receive() {
             residency.arrive(number, arrival);
         }
-        let last = self.view.as_ref();
-        if last.is_none_or(|last| (last.time, last.channel) != (view.time, view.channel)) {
-            self.roots = roots(&*self.source, view.time, view.channel);
-        }
-        if last != Some(view) {
+        if self.view.as_ref() != Some(view) {
             if !is_playing {
                 residency.forget_failures(number, &self.cache.renew_failures());
             }
@@ -174,7 +163,7 @@ impl PagedVolume {
     }
 
     pub(crate) fn wants<'a>(&'a self, cut: &'a Cut, sight: &'a VisibleCells) -> Wants<'a> {
-        Wants { goal: Goal { pyramid: self.source.pyramid(), cut, roots: &self.roots }, sight }
+        Wants { goal: Goal { pyramid: self.source.pyramid(), cut }, sight }
     }
 
     /// Records the cells of the frame's draw lists, for feedback.
@@ -301,10 +290,8 @@ impl PagedVolume {
 
     /// Decoding totals since the start. Bytes read are 0 unless `counts_reads`.
     pub(crate) fn counters(&self, counts_reads: bool) -> Counters {
-        let decoded = self.cache.counters();
-        let bytes_read = if counts_reads { self.source.bytes_read() - self.bytes_read_before } else { 0 };
-        let (bytes_decoded, failed) = (decoded.bytes_decoded, decoded.failed);
-        Counters { decoded: decoded.decoded, bytes_read, bytes_decoded, failed, ..Counters::default() }
+        let totals = self.cache.totals();
+        Counters { bytes_read: if counts_reads { totals.bytes_read } else { 0 }, ..totals }
     }
 }
 

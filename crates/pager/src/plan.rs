@@ -15,7 +15,7 @@
 //! Hilbert curve, so that neighbours, which lend each other aprons, are decoded soon after one another.
 
 use crate::cut::{Cut, NodeId};
-use crate::goal::VolumeBrick;
+use crate::goal::{Goal, VolumeBrick};
 use crate::tier::Tier;
 use crate::visibility;
 use brickyard_volume::{BrickId, BrickIndex, Pyramid};
@@ -48,11 +48,11 @@ impl Request {
 
 /// Bricks to read for a volume's view, in no order.
 pub(crate) fn requests(
-    cut: &Cut,
-    roots: &[BrickId],
+    goal: &Goal<'_>,
     state_of: impl Fn(NodeId) -> State,
     state_of_root: impl Fn(BrickId) -> State,
 ) -> Vec<Request> {
+    let cut = goal.cut;
     let mut wanted = vec![None; cut.nodes.len()];
     for cell in cut.wanted_cells() {
         let state = state_of(cell);
@@ -63,8 +63,8 @@ pub(crate) fn requests(
         }
         want_cover(cut, &state_of, cell, state, &mut wanted);
     }
-    let absent_roots = roots.iter().filter(|&&root| state_of_root(root) == State::Absent);
-    let of_root = |&root: &BrickId| Request { tier: Tier::Cover, id: root, error_px: f64::INFINITY };
+    let absent_roots = goal.roots().filter(|&root| state_of_root(root) == State::Absent);
+    let of_root = |id: BrickId| Request { tier: Tier::Cover, id, error_px: f64::INFINITY };
     let mut requests: Vec<Request> = absent_roots.map(of_root).collect();
     // The roots come first in the arena.
     for (node, tier) in cut.ids().zip(&wanted).skip(cut.roots) {

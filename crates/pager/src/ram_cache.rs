@@ -20,8 +20,8 @@ use crate::retry::{Failure, Failures};
 use crate::sameness::{Content, CoreHashes, CoreKey};
 use crate::slot_contents::SlotContents;
 use crate::source::{BrickError, BrickSource};
-use brickyard_volume::sampling::MAX_REACH;
-use brickyard_volume::{BrickId, GradientNodes};
+use crate::status::Counters;
+use brickyard_volume::BrickId;
 use rustc_hash::FxHashSet;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -30,6 +30,8 @@ use std::time::Duration;
 /// Host-memory cache of one source's decoded bricks.
 pub struct RamCache {
     source: Arc<dyn BrickSource>,
+    /// Bytes read by the source before.
+    bytes_read_before: u64,
     layout: Layout,
     /// Contents of the padded bricks' slots.
     contents: SlotContents,
@@ -102,13 +104,13 @@ impl RamCache {
     /// # Errors
     /// If not even one core fits, or the apron does not fit the bricks (see [`PagerError::Apron`]).
     pub fn new(source: Arc<dyn BrickSource>, apron: u32, bytes: u64) -> Result<Self, PagerError> {
-        let layout = layout_of(&*source, apron, 0, &SlotContents::Codes)?;
+        let layout = Layout::new(&*source, apron, 0, &SlotContents::Codes)?;
         let core = layout.cached_bytes() as u64;
         match bytes / core {
             0 => Err(PagerError::HostMemory { given: bytes, least: core }),
             cores => {
                 let meter = Arc::new(Meter::new(bytes));
-                Ok(Self::with_meter(source, (layout, SlotContents::Codes), (cores as usize, true), meter))
+                Ok(Self::with_meter(source, layout, SlotContents::Codes, cores as usize, true, meter))
             }
         }
     }
@@ -116,20 +118,23 @@ impl RamCache {
     /// Creates a cache for `cores` cores of padded bricks; `keeps_done` retains finished ones while there is room.
     pub(crate) fn with_meter(
         source: Arc<dyn BrickSource>,
-        (layout, contents): (Layout, SlotContents),
-        (cores, keeps_done): (usize, bool),
+        layout: Layout,
+        contents: SlotContents,
+        cores: usize,
+        keeps_done: bool,
         meter: Arc<Meter>,
     ) -> Self {
         let inner = Inner {
-            cores: Shelf::new(layout.entry_bytes(), (cores, keeps_done), meter.clone()),
-            shells: Shelf::new(layout.shell_bytes(), (layout.shells(cores), keeps_done), meter),
+            cores: Shelf::new(layout.entry_bytes(), cores, keeps_done, meter.clone()),
+            shells: Shelf::new(layout.shell_bytes(), layout.shells(cores), keeps_done, meter),
             failures: Failures::default(),
             failed_aprons: FxHashSet::default(),
             has_shells: !layout.has_stored(),
             making: FxHashSet::default(),
             counters: DecodeCounters::default(),
         };
-        Self { source, layout, contents, hashes: None, inner: Mutex::new(inner), made: Condvar::new() }
+        let (bytes_read_before, inner) = (source.bytes_read(), Mutex::new(inner));
+        Self { source, bytes_read_before, layout, contents, hashes: None, inner, made: Condvar::new() }
     }
 
     /// Keeps cores that several time steps share once, with at most `kept_bytes` of hash pages.
@@ -162,7 +167,7 @@ impl RamCache {
     /// Takes over another cache's cores, the most recently used as far as there is room. Drops the others, and all cores of another source
     /// or with other stored aprons.
     pub(crate) fn adopt(&self, kept: KeptCores) {
-        if !kept.is_for(&self.source, &self.layout) {
+        if !kept.is_of(&self.source) || kept.stored_apron != self.layout.stored {
             return;
         }
         let mut inner = self.lock();
@@ -180,6 +185,13 @@ impl RamCache {
     /// Counts of decodes and failures so far.
     pub fn counters(&self) -> DecodeCounters {
         self.lock().counters
+    }
+
+    /// Totals since the cache's creation, with the bytes read by its source for anybody.
+    pub(crate) fn totals(&self) -> Counters {
+        let DecodeCounters { decoded, bytes_decoded, failed } = self.counters();
+        let bytes_read = self.source.bytes_read() - self.bytes_read_before;
+        Counters { decoded, bytes_read, bytes_decoded, failed, ..Counters::default() }
     }
 
     pub(crate) fn layout(&self) -> Layout {
@@ -231,7 +243,7 @@ impl RamCache {
                 Some((i, making)) => {
                     drop(inner);
                     made = Some(i);
-                    self.make((wanted[i].lender, wanted[i].key), making)
+                    self.make(wanted[i].lender, wanted[i].key, making)
                 }
                 None => self.wait(inner),
             };
@@ -257,7 +269,7 @@ impl RamCache {
     }
 
     /// Decodes a claimed brick, and caches it or the failure.
-    fn make(&self, (id, key): (BrickId, CoreKey), mut making: Making) -> MutexGuard<'_, Inner> {
+    fn make(&self, id: BrickId, key: CoreKey, mut making: Making) -> MutexGuard<'_, Inner> {
         let result = self.fill(id, &mut making);
         let lent = Part::lent_by(id.index, self.source.pyramid().level(id.level).bricks);
         let mut inner = self.lock();
@@ -329,11 +341,6 @@ impl KeptCores {
     pub(crate) fn is_of(&self, source: &Arc<dyn BrickSource>) -> bool {
         Arc::ptr_eq(&self.source, source)
     }
-
-    /// Whether a cache with this source and layout can take the cores.
-    fn is_for(&self, source: &Arc<dyn BrickSource>, layout: &Layout) -> bool {
-        self.is_of(source) && self.stored_apron == layout.stored
-    }
 }
 
 /// Unreadable bricks logged as warnings. A damaged file has thousands; their count is reported with the picture.
@@ -395,27 +402,6 @@ impl Inner {
             self.shells.give_back(shell);
         }
     }
-}
-
-/// Layout of a source's padded bricks in slots with these contents.
-///
-/// # Errors
-/// If the apron or the gradients do not fit the bricks.
-pub(crate) fn layout_of(
-    source: &dyn BrickSource,
-    apron: u32,
-    gradient_layers: u32,
-    contents: &SlotContents,
-) -> Result<Layout, PagerError> {
-    let edge = source.pyramid().edge();
-    if !(1..=MAX_REACH).contains(&apron) || apron > edge {
-        return Err(PagerError::Apron { apron, edge });
-    }
-    let gradients = GradientNodes { edge, layers: gradient_layers };
-    if gradients.apron() > apron || (gradient_layers > 0 && !edge.is_multiple_of(2)) {
-        return Err(PagerError::Gradients { apron, least: gradients.apron(), edge });
-    }
-    Ok(Layout::new(source, apron, gradients, contents.encoding(source, 0).format.bytes()))
 }
 
 #[cfg(test)]

@@ -12,7 +12,7 @@ use brickyard_volume::{BrickId, BrickIndex, Level, PageId};
 use lru::LruCache;
 use rustc_hash::FxHashMap;
 use std::num::NonZeroUsize;
-use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use xxhash_rust::xxh3::Xxh3Default;
 
 /// Content of a padded brick, whatever its time step; equal contents are equal voxel by voxel.
@@ -96,8 +96,7 @@ impl CoreHashes {
     /// Content of a padded brick; `None` if unknown. At a level's faces a brick has fewer neighbours, but the same ones in all time steps.
     pub(crate) fn of_padded(&self, id: BrickId) -> Option<Content> {
         let grid = self.source.pyramid().level(id.level).bricks;
-        let parts = Part::all().filter(|part| part.has_lender(id.index, grid));
-        let bricks = parts.map(|part| BrickId { index: part.lender(id.index), ..id });
+        let bricks = Part::lenders(id.index, grid).map(|index| BrickId { index, ..id });
         let mut hasher = Xxh3Default::new();
         self.all_of(bricks, |hash| hasher.update(&hash.to_le_bytes()))?;
         let BrickId { channel, level, index, .. } = id;
@@ -132,24 +131,10 @@ impl CoreHashes {
 
 /// Contents of a volume's slots, written as slots are filled, and read by the workers.
 #[derive(Default)]
-pub(crate) struct SlotsByContent {
-    slots: Mutex<FxHashMap<Content, Slot>>,
-}
+pub(crate) struct SlotsByContent(Mutex<FxHashMap<Content, Slot>>);
 
 impl SlotsByContent {
-    pub(crate) fn get(&self, content: &Content) -> Option<Slot> {
-        self.slots.lock().unwrap_or_else(PoisonError::into_inner).get(content).copied()
-    }
-
-    pub(crate) fn insert(&self, content: Content, slot: Slot) {
-        self.slots.lock().unwrap_or_else(PoisonError::into_inner).insert(content, slot);
-    }
-
-    pub(crate) fn remove(&self, content: &Content) {
-        self.slots.lock().unwrap_or_else(PoisonError::into_inner).remove(content);
-    }
-
-    pub(crate) fn clear(&self) {
-        self.slots.lock().unwrap_or_else(PoisonError::into_inner).clear();
+    pub(crate) fn lock(&self) -> MutexGuard<'_, FxHashMap<Content, Slot>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }

@@ -93,23 +93,20 @@ pub(crate) fn cuts(subjects: &[Subject<'_>], max_cells: usize, last: &[&Cut]) ->
         })
         .collect();
     let (trees, memory_bound) = Forest::new(builds, max_cells).grow();
-    let mut trees: Vec<(usize, Tree)> = (0..subjects.len()).filter(|&i| firsts[i] == i).zip(trees).collect();
-    let cut = |(subject, first): (&Subject<'_>, &usize)| {
-        let tree = trees.iter_mut().find(|(of, _)| of == first).map(|(_, tree)| tree);
-        let Tree { nodes, roots, next_member } = tree.expect("each first volume has a tree");
-        let member = *next_member;
-        *next_member <<= 1;
-        Cut::of_tree(subject.view.clone(), nodes, member, *roots, memory_bound)
-    };
-    subjects.iter().zip(&firsts).map(cut).collect()
+    let mut cuts: Vec<Option<Cut>> = vec![None; subjects.len()];
+    for (first, Tree { nodes, roots }) in (0..subjects.len()).filter(|&i| firsts[i] == i).zip(trees) {
+        let members = (first..subjects.len()).filter(|&i| firsts[i] == first);
+        for (i, place) in members.zip(0..) {
+            cuts[i] = Some(Cut::of_tree(subjects[i].view.clone(), &nodes, 1 << place, roots, memory_bound));
+        }
+    }
+    cuts.into_iter().flatten().collect()
 }
 
 /// A finished tree.
 struct Tree {
     nodes: Arc<Vec<Node>>,
     roots: usize,
-    /// Bit of the volume whose cut is made next.
-    next_member: Members,
 }
 
 /// Order of splitting, the largest first. Errors are not negative, so their bits order as they do.
@@ -281,7 +278,7 @@ impl<'a> Build<'a> {
 
     fn finish(self) -> Tree {
         let nodes = if self.has_merged { without_dead(&self.nodes, self.roots) } else { self.nodes };
-        Tree { nodes: Arc::new(nodes), roots: self.roots, next_member: 1 }
+        Tree { nodes: Arc::new(nodes), roots: self.roots }
     }
 
     fn is_mergeable(&self, id: NodeId) -> bool {

@@ -92,7 +92,7 @@ fn of_tree(volumes: &[Looked<'_>], first: usize) -> Vec<VisibleCells> {
     let Looked { source, cut, view } = volumes[0];
     let placement = &view.placement;
     let (pyramid, geometry) = (source.pyramid(), source.geometry());
-    let ordered = |rays: &ViewRays| order::back_to_front(pyramid, geometry, (rays, placement), cut, visible);
+    let ordered = |rays: &ViewRays| order::back_to_front(pyramid, geometry, rays, placement, cut, visible);
     let (order, for_other_eye) = (ordered(&view.rays), view.other_eye.as_ref().map(ordered));
     let area = |ranked: &Ranked| view.eyes().map(|rays| screen_area(rays, placement, &cut[ranked.cell])).sum();
     let sight = |(volume, member): (&Looked<'_>, u32)| {

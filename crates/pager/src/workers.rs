@@ -210,7 +210,7 @@ impl Shared {
         batch: Vec<BrickId>,
         advise: impl Fn(&[BrickId]),
     ) -> Result<Found, Failure> {
-        let is_held = |content: &Content| self.held.get(content).is_some();
+        let is_held = |content: &Content| self.held.lock().contains_key(content);
         let to_read = |id: &BrickId| !reader.content(*id).as_ref().is_some_and(is_held);
         let batch: Vec<BrickId> = batch.into_iter().filter(to_read).collect();
         if !batch.is_empty() {
