@@ -65,12 +65,12 @@ impl Picker {
 
     /// Bytes of the kept decoded bricks.
     pub fn bytes(&self) -> u64 {
-        self.cores.bytes()
+        self.cores.bytes
     }
 
     /// Bricks decoded so far.
     pub fn decoded(&self) -> u64 {
-        self.cores.decoded()
+        self.cores.decoded
     }
 
     /// Picks at a place of a scene's picture (pixel `(i, j)` has its centre at `(i + 0.5, j + 0.5)`), for the left eye

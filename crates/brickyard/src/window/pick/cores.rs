@@ -9,14 +9,14 @@ use std::sync::{Arc, Weak};
 /// Decoded cores of some volumes' bricks, in one time step.
 pub(super) struct Cores {
     most_bytes: u64,
-    bytes: u64,
+    pub(super) bytes: u64,
     /// Keyed by the volume's place and the brick; in the volumes' own voxel types.
     held: LruCache<(usize, BrickId), Arc<[u8]>>,
     /// The volumes of the cores.
     volumes: Vec<Weak<dyn BrickSource>>,
     time: u32,
     /// Bricks decoded so far.
-    decoded: u64,
+    pub(super) decoded: u64,
 }
 
 impl Cores {
@@ -61,13 +61,5 @@ impl Cores {
             self.bytes -= oldest.len() as u64;
         }
         Ok(core)
-    }
-
-    pub(super) fn bytes(&self) -> u64 {
-        self.bytes
-    }
-
-    pub(super) fn decoded(&self) -> u64 {
-        self.decoded
     }
 }
