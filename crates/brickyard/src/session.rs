@@ -338,10 +338,8 @@ impl Session {
         self.suit(scene)?;
         let shot = Shot { scene: scene.clone(), size_px };
         let is_put_off = self.puts_off_slots(scene);
-        let resolved = match is_put_off {
-            true => self.resolve_for(scene, size_px, KeptSlots::fixed),
-            false => self.resolve(scene, size_px),
-        }?;
+        let kept = if is_put_off { KeptSlots::fixed } else { KeptSlots::replaceable };
+        let resolved = self.resolve_for(scene, size_px, kept)?;
         self.slot_change.begin_step(&shot, is_put_off);
         let mut frame = self.step_biased(&resolved, level_bias)?;
         let is_whole = frame.status.settled || frame.status.awaits_feedback;
