@@ -8,7 +8,7 @@
 use crate::cut::{Cut, Members, Node, NodeId, View};
 use crate::order;
 use crate::source::BrickSource;
-use crate::split::firsts;
+use crate::split::{by_volume, groups};
 use brickyard_volume::{Placement, ViewRays};
 use glam::DVec3;
 use std::sync::Arc;
@@ -72,16 +72,14 @@ impl VisibleCells {
         let looked =
             sources.iter().zip(cuts).zip(views).map(|((source, cut), view)| Looked { source: &**source, cut, view });
         let volumes: Vec<Looked<'_>> = looked.collect();
-        let firsts = firsts(&volumes, |a, b| {
+        let groups = groups(&volumes, |a, b| {
             a.cut.shares_tree_with(b.cut) && (a.view.placement, a.view.rays) == (b.view.placement, b.view.rays)
         });
-        let mut sights: Vec<Option<Self>> = vec![None; volumes.len()];
-        for first in (0..volumes.len()).filter(|&i| firsts[i] == i) {
-            let members: Vec<usize> = (first..volumes.len()).filter(|&i| firsts[i] == first).collect();
-            let of_members = of_tree(&members.iter().map(|&i| volumes[i]).collect::<Vec<_>>(), first);
-            members.into_iter().zip(of_members).for_each(|(i, sight)| sights[i] = Some(sight));
-        }
-        sights.into_iter().flatten().collect()
+        let sights = groups.iter().map(|members| {
+            let looked: Vec<Looked<'_>> = members.iter().map(|&i| volumes[i]).collect();
+            of_tree(&looked, members[0])
+        });
+        by_volume(&groups, sights)
     }
 }
 
