@@ -68,14 +68,12 @@ pub(crate) fn kept_bytes(source: &dyn BrickSource, host_bytes: u64) -> u64 {
 
 impl PagedOccupancy {
     /// Starts the reading thread for a source, with nothing read yet. At most `kept_bytes` of pages are kept, or one page if that is more.
-    pub(crate) fn start(source: Arc<dyn BrickSource>, kept_bytes: u64) -> std::io::Result<(Arc<Self>, PageReader)> {
+    pub(crate) fn start(source: Arc<dyn BrickSource>, kept_bytes: u64) -> std::io::Result<PageReader> {
         let (asked, pages) = unbounded();
         let capacity = NonZeroUsize::new((kept_bytes / PAGE_BYTES) as usize).unwrap_or(NonZeroUsize::MIN);
         let kept = LruCache::new(capacity);
         let pages_kept = Pages { kept, asked: Some(asked), waiting: 0, view: 0, version: 0 };
-        let paged = Arc::new(Self { source, pages: Mutex::new(pages_kept) });
-        let reader = PageReader::start(paged.clone(), pages)?;
-        Ok((paged, reader))
+        PageReader::start(Arc::new(Self { source, pages: Mutex::new(pages_kept) }), pages)
     }
 
     /// Changes whenever more occupancy becomes known.
@@ -229,7 +227,7 @@ impl BrickSource for PagedOccupancy {
 
 /// Reader thread of occupancy pages; dropping it ends the thread.
 pub(crate) struct PageReader {
-    occupancy: Arc<PagedOccupancy>,
+    pub(crate) occupancy: Arc<PagedOccupancy>,
     arrivals: Receiver<()>,
     _thread: Threads,
 }
@@ -296,23 +294,25 @@ mod tests {
 
     #[test]
     fn ancestors_answer_until_the_page_has_come() {
-        let (paged, reader) = PagedOccupancy::start(Arc::new(row()), 1 << 20).unwrap();
+        let reader = PagedOccupancy::start(Arc::new(row()), 1 << 20).unwrap();
+        let paged = &reader.occupancy;
         assert_eq!(paged.occupancy(brick(0, 7)), Occupancy::ALL, "nothing is known yet");
         let version = paged.version();
-        assert_eq!(settled(&paged, &reader, brick(0, 7)), Occupancy::NONE);
+        assert_eq!(settled(paged, &reader, brick(0, 7)), Occupancy::NONE);
         assert!(paged.version() > version);
         // Another page of level 0; its parent's page has arrived.
         assert_eq!(paged.occupancy(brick(0, 300)), Occupancy::ALL);
-        assert_eq!(settled(&paged, &reader, brick(0, 300)), Occupancy::ALL);
+        assert_eq!(settled(paged, &reader, brick(0, 300)), Occupancy::ALL);
     }
 
     #[test]
     fn a_page_that_cannot_be_read_is_answered_for_by_coarser_ones() {
         let mut source = row();
         source.failing_pages = [source.pyramid().page_of(brick(0, 6)).0].into();
-        let (paged, reader) = PagedOccupancy::start(Arc::new(source), 1 << 20).unwrap();
-        assert_eq!(settled(&paged, &reader, brick(0, 6)), Occupancy::NONE, "by brick 3 of level 1");
-        assert_eq!(settled(&paged, &reader, brick(0, 8)), Occupancy::ALL, "by brick 4 of level 1");
+        let reader = PagedOccupancy::start(Arc::new(source), 1 << 20).unwrap();
+        let paged = &reader.occupancy;
+        assert_eq!(settled(paged, &reader, brick(0, 6)), Occupancy::NONE, "by brick 3 of level 1");
+        assert_eq!(settled(paged, &reader, brick(0, 8)), Occupancy::ALL, "by brick 4 of level 1");
     }
 
     #[test]
@@ -321,20 +321,22 @@ mod tests {
         source.failing_pages = [source.pyramid().page_of(brick(0, 8)).0].into();
         source.failing_pages_pass = true.into();
         let source = Arc::new(source);
-        let (paged, reader) = PagedOccupancy::start(source.clone(), 1 << 20).unwrap();
-        assert_eq!(settled(&paged, &reader, brick(0, 8)), Occupancy::ALL);
+        let reader = PagedOccupancy::start(source.clone(), 1 << 20).unwrap();
+        let paged = &reader.occupancy;
+        assert_eq!(settled(paged, &reader, brick(0, 8)), Occupancy::ALL);
         let version = paged.version();
-        assert_eq!(settled(&paged, &reader, brick(0, 8)), Occupancy::ALL);
+        assert_eq!(settled(paged, &reader, brick(0, 8)), Occupancy::ALL);
         assert_eq!(paged.version(), version, "not again for the same view");
         paged.begin_view();
-        settled(&paged, &reader, brick(0, 8));
+        settled(paged, &reader, brick(0, 8));
         assert!(paged.version() > version);
     }
 
     #[test]
     fn a_view_that_wants_more_pages_than_fit_comes_to_rest() {
         let source = Arc::new(row());
-        let (paged, reader) = PagedOccupancy::start(source.clone(), 8 * PAGE_BYTES).unwrap();
+        let reader = PagedOccupancy::start(source.clone(), 8 * PAGE_BYTES).unwrap();
+        let paged = &reader.occupancy;
         for view in 0..3 {
             paged.begin_view();
             let answers = || (0..512).map(|x| paged.occupancy(brick(0, x))).collect::<Vec<_>>();

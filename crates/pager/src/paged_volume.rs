@@ -26,7 +26,7 @@ pub(crate) struct PagedVolume {
     cache: Arc<RamCache>,
     workers: Workers,
     /// Occupancy for a planner that must not wait; `None` for inline planning.
-    occupancy: Option<(Arc<PagedOccupancy>, PageReader)>,
+    occupancy: Option<PageReader>,
     /// View of the last frame.
     view: Option<View>,
     /// Reported visibility of the volume's cells, and its version; `None` without reports.
@@ -90,10 +90,9 @@ impl PagedVolume {
         let cache = Arc::new(cache.comparing(kept_hash_bytes(&**source, host_bytes)));
         kept.into_iter().for_each(|kept| cache.adopt(kept));
         let workers = Workers::start(&cache, workers, staged, meter.clone(), held.clone())?;
-        let paged = |kept_bytes| PagedOccupancy::start(source.clone(), kept_bytes);
         let occupancy = match config.planning {
             Planning::Inline => None,
-            Planning::Thread => Some(paged(kept_bytes(&**source, host_bytes))?),
+            Planning::Thread => Some(PagedOccupancy::start(source.clone(), kept_bytes(&**source, host_bytes))?),
         };
         Ok(Self {
             source: source.clone(),
@@ -117,7 +116,7 @@ impl PagedVolume {
 
     /// Source for making cuts: the volume's own, or one with known occupancy that never waits.
     pub(crate) fn planned_source(&self) -> Arc<dyn BrickSource> {
-        self.occupancy.as_ref().map_or_else(|| self.source.clone(), |(occupancy, _)| occupancy.clone())
+        self.occupancy.as_ref().map_or_else(|| self.source.clone(), |reader| reader.occupancy.clone())
     }
 
     /// Checks that the source has a view's time step and channel.
@@ -146,20 +145,20 @@ impl PagedVolume {
                 residency.forget_failures(number, &self.cache.renew_failures());
             }
             self.confirmed = 0;
-            self.occupancy.iter().for_each(|(occupancy, _)| occupancy.begin_view());
+            self.occupancy.iter().for_each(|reader| reader.occupancy.begin_view());
             self.view = Some(view.clone());
         }
     }
 
     /// Version of the known occupancy of the volume's bricks.
     pub(crate) fn occupancy_version(&self) -> u64 {
-        self.occupancy.as_ref().map_or(0, |(occupancy, _)| occupancy.version())
+        self.occupancy.as_ref().map_or(0, |reader| reader.occupancy.version())
     }
 
     /// Whether this occupancy version is the newest, with no page in flight.
     pub(crate) fn knows_since(&self, version: u64) -> bool {
         let knows = |occupancy: &PagedOccupancy| !occupancy.is_waiting() && occupancy.version() == version;
-        self.occupancy.as_ref().is_none_or(|(occupancy, _)| knows(occupancy))
+        self.occupancy.as_ref().is_none_or(|reader| knows(&reader.occupancy))
     }
 
     pub(crate) fn wants<'a>(&'a self, cut: &'a Cut, sight: &'a VisibleCells) -> Wants<'a> {
@@ -267,7 +266,7 @@ impl PagedVolume {
     }
 
     pub(crate) fn is_busy(&self) -> bool {
-        self.workers.is_busy() || self.occupancy.as_ref().is_some_and(|(occupancy, _)| occupancy.is_waiting())
+        self.workers.is_busy() || self.occupancy.as_ref().is_some_and(|reader| reader.occupancy.is_waiting())
     }
 
     /// Whether a brick or a page of occupancy waits for a frame.
@@ -277,7 +276,7 @@ impl PagedVolume {
 
     /// Adds the channels of bricks and pages to `select`.
     pub(crate) fn select<'a>(&'a self, select: &mut Select<'a>) {
-        if let Some((_, reader)) = &self.occupancy {
+        if let Some(reader) = &self.occupancy {
             select.recv(reader.arrivals());
         }
         select.recv(self.workers.arrivals());
@@ -285,7 +284,7 @@ impl PagedVolume {
 
     /// Takes the signal of arrived occupancy pages. Returns whether there was one.
     pub(crate) fn take_sign(&self) -> bool {
-        self.occupancy.as_ref().is_some_and(|(_, reader)| reader.arrivals().try_recv().is_ok())
+        self.occupancy.as_ref().is_some_and(|reader| reader.arrivals().try_recv().is_ok())
     }
 
     /// Decoding totals since the start. Bytes read are 0 unless `counts_reads`.

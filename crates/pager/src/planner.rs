@@ -116,15 +116,12 @@ impl Desk {
         cuts
     }
 
-    /// Cuts of a job's own views, or of views near them.
+    /// Cuts of a job's own views, of views near them, or of its coming ones.
     fn cuts_for(&self, views: &[View], job: &Job, last: &[Arc<Cut>]) -> Vec<Arc<Cut>> {
-        self.cuts_of(&subjects(&self.sources, views, &job.visibility), !job.coming.is_empty(), last)
-    }
-
-    fn cuts_of(&self, subjects: &[Subject<'_>], has_coming: bool, last: &[Arc<Cut>]) -> Vec<Arc<Cut>> {
-        let slots = if has_coming { self.slots / 2 } else { self.slots };
+        let slots = if job.coming.is_empty() { self.slots } else { self.slots / 2 };
         let last: Vec<&Cut> = last.iter().map(|cut| &**cut).collect();
-        let cuts = split::cuts(subjects, cut_capacity(slots as u32, self.roots), &last);
+        let subjects = subjects(&self.sources, views, &job.visibility);
+        let cuts = split::cuts(&subjects, cut_capacity(slots as u32, self.roots), &last);
         cuts.into_iter().map(Arc::new).collect()
     }
 
@@ -132,6 +129,13 @@ impl Desk {
     fn last_for(&self, views: &[View]) -> &[Arc<Cut>] {
         let known = self.coming.iter().find(|cuts| self.is_incremental && are_of_times(cuts, views));
         known.map_or(&self.last, |cuts| cuts)
+    }
+
+    /// The plan for a job with these cuts of its own views.
+    fn outlook(&mut self, job: &Job, cuts: Vec<Arc<Cut>>) -> Outlook {
+        self.make_coming(job);
+        let ahead = self.look_ahead(job, &cuts);
+        Outlook { cuts, coming: self.coming.clone(), ahead, is_whole: true }
     }
 
     /// Makes the cuts of the coming views, until their wanted cells fill the slots. Visibility in the present step hides nothing in later
@@ -144,7 +148,7 @@ impl Desk {
         for views in job.coming.iter() {
             let cuts = match self.coming.iter().find(|cuts| is_same(cuts, views)) {
                 Some(cuts) => cuts.clone(),
-                None => self.cuts_of(&subjects(&self.sources, views, &job.visibility), true, self.last_for(views)),
+                None => self.cuts_for(views, job, self.last_for(views)),
             };
             let wanted: usize = cuts.iter().map(|cut| cut.wanted()).sum();
             if wanted > room && !coming.is_empty() {
@@ -258,9 +262,7 @@ impl Planner {
             match &mut self.place {
                 Place::Inline(desk) => {
                     let cuts = desk.cuts(&job);
-                    desk.make_coming(&job);
-                    let (coming, ahead) = (desk.coming.clone(), desk.look_ahead(&job, &cuts));
-                    self.newest = Some((self.number, Outlook { cuts, coming, ahead, is_whole: true }));
+                    self.newest = Some((self.number, desk.outlook(&job, cuts)));
                 }
                 Place::Thread(thread) => {
                     thread.ask(self.number, job.clone());
@@ -331,12 +333,10 @@ impl PlannerThread {
                 // A frame may be waiting for the cuts.
                 let cuts = desk.cuts(&job);
                 let coming = desk.coming.clone();
-                let mut goes_on = finish(number, Outlook { cuts: cuts.clone(), coming, ahead, is_whole: false });
-                desk.make_coming(&job);
-                ahead = desk.look_ahead(&job, &cuts);
-                let (coming, ahead) = (desk.coming.clone(), ahead.clone());
-                goes_on = goes_on && finish(number, Outlook { cuts, coming, ahead, is_whole: true });
-                if !goes_on {
+                let is_heard = finish(number, Outlook { cuts: cuts.clone(), coming, ahead, is_whole: false });
+                let outlook = desk.outlook(&job, cuts);
+                ahead = outlook.ahead.clone();
+                if !is_heard || !finish(number, outlook) {
                     return;
                 }
             }

@@ -250,12 +250,6 @@ impl RamCache {
         }
     }
 
-    /// Voxels for one part, decoded if needed. Drop them before requesting others.
-    #[cfg(test)]
-    fn part(&self, part: Part, lender: BrickId) -> Result<Arc<[u8]>, Failure> {
-        self.one_of(&[self.wanted(part, lender)]).1
-    }
-
     /// A core with its stored apron, decoded if needed. Drop it before requesting another.
     pub(crate) fn whole(&self, id: BrickId) -> Result<Whole, Failure> {
         let wanted = self.wanted(Part::OWN, id);
@@ -418,6 +412,13 @@ mod tests {
 
     fn brick(x: u32) -> BrickId {
         BrickId { time: 0, channel: 0, level: Level(0), index: BrickIndex::new(x, 0, 0) }
+    }
+
+    impl RamCache {
+        /// Voxels for one part, decoded if needed. Drop them before requesting others.
+        fn part(&self, part: Part, lender: BrickId) -> Result<Arc<[u8]>, Failure> {
+            self.one_of(&[self.wanted(part, lender)]).1
+        }
     }
 
     fn cache(cores: u64) -> RamCache {
