@@ -75,18 +75,22 @@ impl PagedVolume {
     /// has cores from earlier reads.
     ///
     /// # Errors
-    /// If the share cannot feed one worker, or no thread can be started.
+    /// If the share cannot feed one worker, the apron or the gradients do not fit the bricks, or no thread can be started.
     pub(crate) fn start(
         source: &Arc<dyn BrickSource>,
-        (layout, contents): (Layout, SlotContents),
+        contents: &SlotContents,
         host_bytes: u64,
-        (config, meter, held): (&PagerConfig, &Arc<Meter>, &Arc<SlotsByContent>),
+        config: &PagerConfig,
+        meter: &Arc<Meter>,
+        held: &Arc<SlotsByContent>,
         kept: Option<KeptCores>,
     ) -> Result<Self, PagerError> {
+        let layout = Layout::new(&**source, config.apron, config.gradient_layers, contents)?;
         let sizes = buffer_sizes(&**source, &layout, config.planning, host_bytes);
         let HostSplit { workers, staged, cores } = split_host(host_bytes, config.workers, sizes)?;
         meter.charge(sizes.fixed + workers as u64 * sizes.scratch);
-        let cache = RamCache::with_meter(source.clone(), layout, contents, cores, config.keeps_decoded, meter.clone());
+        let cache =
+            RamCache::with_meter(source.clone(), layout, contents.clone(), cores, config.keeps_decoded, meter.clone());
         let cache = Arc::new(cache.comparing(kept_hash_bytes(&**source, host_bytes)));
         kept.into_iter().for_each(|kept| cache.adopt(kept));
         let workers = Workers::start(&cache, workers, staged, meter.clone(), held.clone())?;

@@ -138,12 +138,12 @@ impl Pager {
             }
         };
         meter.charge(tables.min(given));
-        let layouts = layouts.into_iter().zip(config.contents_of_all().cloned());
         let held: Vec<Arc<SlotsByContent>> = sources.iter().map(|_| Arc::default()).collect();
         let shares = shares.into_iter().zip(&held);
-        let volumes = sources.iter().zip(layouts).zip(shares).map(|((source, layout), (host_bytes, held))| {
+        let volumes = sources.iter().zip(config.contents_of_all()).zip(shares);
+        let volumes = volumes.map(|((source, contents), (host_bytes, held))| {
             let own = kept.iter().position(|cores: &KeptCores| cores.is_of(source)).map(|i| kept.remove(i));
-            let started = PagedVolume::start(source, layout, host_bytes, (&config, &meter, held), own);
+            let started = PagedVolume::start(source, contents, host_bytes, &config, &meter, held, own);
             started.map_err(|error| match error {
                 PagerError::HostMemory { least, .. } => PagerError::HostMemory { given, least: least + tables },
                 other => other,

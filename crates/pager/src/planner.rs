@@ -68,8 +68,10 @@ pub(crate) struct Outlook {
     pub(crate) coming: Arc<[Vec<Arc<Cut>>]>,
     /// Bricks to prefetch, the most urgent first.
     pub(crate) ahead: Arc<[(Tier, VolumeBrick)]>,
+    /// Number of the answered request; 0 for a guess.
+    number: u64,
     /// Whether `coming` and `ahead` belong to this job; if not, its own follow with the same cuts.
-    pub(crate) is_whole: bool,
+    is_whole: bool,
 }
 
 impl Outlook {
@@ -132,10 +134,10 @@ impl Desk {
     }
 
     /// The plan for a job with these cuts of its own views.
-    fn outlook(&mut self, job: &Job, cuts: Vec<Arc<Cut>>) -> Outlook {
+    fn outlook(&mut self, number: u64, job: &Job, cuts: Vec<Arc<Cut>>) -> Outlook {
         self.make_coming(job);
         let ahead = self.look_ahead(job, &cuts);
-        Outlook { cuts, coming: self.coming.clone(), ahead, is_whole: true }
+        Outlook { cuts, coming: self.coming.clone(), ahead, number, is_whole: true }
     }
 
     /// Makes the cuts of the coming views, until their wanted cells fill the slots. Visibility in the present step hides nothing in later
@@ -232,8 +234,7 @@ pub(crate) struct Planner {
     /// The last request and its number.
     asked: Option<Job>,
     number: u64,
-    /// The newest outlook, and the number of its request.
-    newest: Option<(u64, Outlook)>,
+    newest: Option<Outlook>,
     place: Place,
 }
 
@@ -262,28 +263,28 @@ impl Planner {
             match &mut self.place {
                 Place::Inline(desk) => {
                     let cuts = desk.cuts(&job);
-                    self.newest = Some((self.number, desk.outlook(&job, cuts)));
+                    self.newest = Some(desk.outlook(self.number, &job, cuts));
                 }
                 Place::Thread(thread) => {
                     thread.ask(self.number, job.clone());
                     self.newest = thread.newest(PATIENCE).or(self.newest.take());
                     // Cells of one grid have one order only in cuts made together, so wait for those.
                     let subjects = subjects(&self.sources, &job.views, &[]);
-                    while self.newest.as_ref().is_some_and(|(_, newest)| !split::share_trees(&subjects, &newest.cuts)) {
+                    while self.newest.as_ref().is_some_and(|newest| !split::share_trees(&subjects, &newest.cuts)) {
                         self.newest = thread.newest(PATIENCE).or(self.newest.take());
                     }
                 }
             }
             self.asked = Some(job.clone());
         }
-        let guess = |cuts, coming| (0, Outlook { cuts, coming, ahead: [].into(), is_whole: false });
+        let guess = |cuts, coming| Outlook { cuts, coming, ahead: [].into(), number: 0, is_whole: false };
         let newest = match self.newest.take() {
             // Before the first: the coarsest level.
             None => {
                 let cuts = split::cuts(&subjects(&self.sources, &job.views, &job.visibility), 0, &[]);
                 guess(cuts.into_iter().map(Arc::new).collect(), [].into())
             }
-            Some((_, newest)) if !are_of_times(&newest.cuts, &job.views) => {
+            Some(newest) if !are_of_times(&newest.cuts, &job.views) => {
                 let cuts = match newest.coming(&job.views) {
                     Some(cuts) => cuts.to_vec(),
                     None => split::recut(&newest.cuts, &self.sources, &job.views),
@@ -292,17 +293,17 @@ impl Planner {
             }
             Some(newest) => newest,
         };
-        self.newest.insert(newest).1.clone()
+        self.newest.insert(newest).clone()
     }
 
     /// Whether the newest outlook answers the last request.
     pub(crate) fn is_done(&self) -> bool {
-        self.newest.as_ref().is_some_and(|(number, _)| *number == self.number)
+        self.newest.as_ref().is_some_and(|newest| newest.number == self.number)
     }
 
     /// Channel of the next outlook, if one is on its way.
-    pub(crate) fn awaited(&self) -> Option<&Receiver<(u64, Outlook)>> {
-        let is_whole = self.newest.as_ref().is_some_and(|(_, newest)| newest.is_whole);
+    pub(crate) fn awaited(&self) -> Option<&Receiver<Outlook>> {
+        let is_whole = self.newest.as_ref().is_some_and(|newest| newest.is_whole);
         match &self.place {
             Place::Thread(thread) if !(self.is_done() && is_whole) => Some(&thread.outlooks),
             _ => None,
@@ -314,7 +315,7 @@ struct PlannerThread {
     jobs: Sender<(u64, Job)>,
     /// The other end, for taking back jobs.
     untaken: Receiver<(u64, Job)>,
-    outlooks: Receiver<(u64, Outlook)>,
+    outlooks: Receiver<Outlook>,
     _thread: Threads,
 }
 
@@ -324,19 +325,19 @@ impl PlannerThread {
         let (finished, outlooks) = bounded(1);
         let (inbox, unseen) = (untaken.clone(), outlooks.clone());
         let work = move || {
-            let finish = |number, outlook: Outlook| {
+            let finish = |outlook: Outlook| {
                 while unseen.try_recv().is_ok() {}
-                finished.send((number, outlook)).is_ok()
+                finished.send(outlook).is_ok()
             };
             let mut ahead: Arc<[_]> = [].into();
             for (number, job) in inbox {
                 // A frame may be waiting for the cuts.
                 let cuts = desk.cuts(&job);
                 let coming = desk.coming.clone();
-                let is_heard = finish(number, Outlook { cuts: cuts.clone(), coming, ahead, is_whole: false });
-                let outlook = desk.outlook(&job, cuts);
+                let is_heard = finish(Outlook { cuts: cuts.clone(), coming, ahead, number, is_whole: false });
+                let outlook = desk.outlook(number, &job, cuts);
                 ahead = outlook.ahead.clone();
-                if !is_heard || !finish(number, outlook) {
+                if !is_heard || !finish(outlook) {
                     return;
                 }
             }
@@ -353,7 +354,7 @@ impl PlannerThread {
     }
 
     /// The newest untaken outlook, or the next one within `patience`.
-    fn newest(&self, patience: Duration) -> Option<(u64, Outlook)> {
+    fn newest(&self, patience: Duration) -> Option<Outlook> {
         match self.outlooks.recv_timeout(patience) {
             Ok(outlook) => Some(outlook),
             Err(RecvTimeoutError::Timeout) => None,
