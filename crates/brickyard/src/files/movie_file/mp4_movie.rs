@@ -54,14 +54,10 @@ impl Mp4Movie {
         let is_even = (picture.width, picture.height) == self.size_px;
         let written =
             if is_even { self.ffmpeg.push(picture) } else { self.ffmpeg.push(&padded(picture, self.size_px)) };
-        match written {
-            Ok(()) => Ok(()),
-            // It has ended, and reports why.
-            Err(source) => {
-                self.ffmpeg.finish(self.file.path())?;
-                Err(MovieError::Write { path: self.file.path().into(), source })
-            }
-        }
+        let Err(source) = written else { return Ok(()) };
+        // It has ended, and reports why.
+        self.ffmpeg.finish(self.file.path())?;
+        Err(MovieError::Write { path: self.file.path().into(), source })
     }
 
     pub(super) fn finish(mut self) -> Result<(), MovieError> {
@@ -93,10 +89,8 @@ impl Ffmpeg {
         let said = child.stderr.take().map(|stderr| std::thread::spawn(move || last_of(stderr)));
         let mut ffmpeg = Self { child, pictures: None, said };
         let stdin = ffmpeg.child.stdin.take().ok_or_else(|| missing(io::Error::other("it accepts no input")))?;
-        match Y4mMovie::new(BufWriter::new(stdin), size_px, rate) {
-            Ok(pictures) => ffmpeg.pictures = Some(pictures),
-            Err(source) => return Err(MovieError::Write { path: file.path().into(), source }),
-        }
+        let begun = Y4mMovie::new(BufWriter::new(stdin), size_px, rate);
+        ffmpeg.pictures = Some(begun.map_err(|source| MovieError::Write { path: file.path().into(), source })?);
         Ok(ffmpeg)
     }
 
