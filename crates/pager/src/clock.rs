@@ -214,10 +214,8 @@ impl Clock {
     pub fn play(&mut self, playback: Option<Playback>, at: Duration) {
         // NaN counts as below the range.
         let within = |rate: f64| if rate >= SLOWEST { rate.min(FASTEST) } else { SLOWEST };
-        let playback = playback.map(|playback| {
-            let steps_per_second = within(playback.steps_per_second);
-            Playback { steps_per_second, ..playback }
-        });
+        let playback =
+            playback.map(|playback| Playback { steps_per_second: within(playback.steps_per_second), ..playback });
         if self.playback() == playback {
             return;
         }
@@ -513,8 +511,7 @@ impl Run {
     /// Increases a bias without effect, where even the finest level is coarser than requested.
     fn see_change_of_bias(&mut self) {
         let Some(before) = self.trial.wanted_before.filter(|_| !self.trial.is_on) else { return };
-        let changed = self.coming.iter().find(|coming| coming.bias == self.bias && coming.ready.is_planned);
-        let Some(wanted) = changed.map(|coming| coming.ready.wanted) else { return };
+        let Some(wanted) = self.wanted_now() else { return };
         if wanted < before || self.bias >= MOST_BIAS {
             self.trial.wanted_before = None;
         } else {
@@ -524,9 +521,13 @@ impl Run {
 
     /// Whether the last trial of a finer level had no effect.
     fn is_in_vain(&self) -> bool {
-        let is_of_trial = |coming: &&Coming| coming.bias == self.bias && coming.ready.is_planned;
-        let tried = self.coming.iter().find(is_of_trial).map(|coming| coming.ready.wanted);
-        self.trial.is_on && tried.is_some_and(|wanted| Some(wanted) == self.trial.wanted_before)
+        self.trial.is_on && self.wanted_now().is_some_and(|wanted| Some(wanted) == self.trial.wanted_before)
+    }
+
+    /// Wanted cells of a step planned with the present bias; `None` while there is none.
+    fn wanted_now(&self) -> Option<usize> {
+        let is_planned = |coming: &&Coming| coming.bias == self.bias && coming.ready.is_planned;
+        self.coming.iter().find(is_planned).map(|coming| coming.ready.wanted)
     }
 }
 
