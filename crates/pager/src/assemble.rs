@@ -22,21 +22,19 @@ use std::time::Instant;
 /// Reader of one source's padded bricks through a RAM cache. Each thread needs its own.
 pub struct PaddedReader {
     cache: Arc<RamCache>,
-    layout: Layout,
     encoder: Encoder,
 }
 
 impl PaddedReader {
     /// Creates a reader through `cache`, which determines the width of the aprons.
     pub fn new(cache: Arc<RamCache>) -> Self {
-        let layout = cache.layout();
-        let encoder = Encoder::new(&**cache.source(), cache.contents(), &layout);
-        Self { cache, layout, encoder }
+        let encoder = Encoder::new(&**cache.source(), cache.contents(), &cache.layout());
+        Self { cache, encoder }
     }
 
     /// Bytes of a padded brick: `(edge + 2 * apron)^3` codes, then any gradients.
     pub fn padded_bytes(&self) -> usize {
-        self.layout.padded_bytes()
+        self.cache.layout().padded_bytes()
     }
 
     /// Fills `out`, of [`PaddedReader::padded_bytes`] bytes, with the brick and its apron, x fastest, then gradients. Waits and retries a
@@ -67,10 +65,10 @@ impl PaddedReader {
         let pyramid = self.cache.source().pyramid();
         let extent = pyramid.level(id.level).extent.to_array();
         let index = id.index.to_array();
-        let layout = self.layout;
+        let layout = self.cache.layout();
         let spans = std::array::from_fn(|a| spans(&layout, index[a] as usize, extent[a] as usize));
         let (codes, gradients) = out.split_at_mut(layout.padded_code_bytes());
-        let Self { cache, encoder, .. } = self;
+        let Self { cache, encoder } = self;
         let mut is_whole = true;
         encoder.encode(id.channel, codes, |voxels| {
             is_whole = match layout.has_stored() {
