@@ -150,7 +150,7 @@ impl RamCache {
     /// Cache key of a core. A stored apron belongs to the core, but consists of the neighbours' voxels.
     fn key(&self, id: BrickId) -> CoreKey {
         let hash = self.hashes.as_ref().and_then(|hashes| match self.layout.has_stored() {
-            true => hashes.of_padded(id).map(|content| content.hash()),
+            true => hashes.of_padded(id).map(|content| content.hash),
             false => hashes.of_core(id),
         });
         CoreKey::new(id, hash)

@@ -8,7 +8,7 @@
 use crate::draw_list::Slot;
 use crate::neighbourhood::Part;
 use crate::source::BrickSource;
-use brickyard_volume::{BrickId, BrickIndex, Level, PageId};
+use brickyard_volume::{BrickId, Level, PageId};
 use lru::LruCache;
 use rustc_hash::FxHashMap;
 use std::num::NonZeroUsize;
@@ -18,10 +18,9 @@ use xxhash_rust::xxh3::Xxh3Default;
 /// Content of a padded brick, whatever its time step; equal contents are equal voxel by voxel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) struct Content {
-    channel: u32,
-    level: Level,
-    index: BrickIndex,
-    hash: u128,
+    /// The brick, in step 0.
+    pub(crate) id: BrickId,
+    pub(crate) hash: u128,
 }
 
 /// Cache key of a core: its brick, with the hash, if known, in place of the time step.
@@ -29,17 +28,6 @@ pub(crate) struct Content {
 pub(crate) struct CoreKey {
     id: BrickId,
     hash: Option<u128>,
-}
-
-impl Content {
-    #[cfg(test)]
-    pub(crate) fn for_test(id: BrickId, hash: u128) -> Self {
-        Self { channel: id.channel, level: id.level, index: id.index, hash }
-    }
-
-    pub(crate) fn hash(&self) -> u128 {
-        self.hash
-    }
 }
 
 impl CoreKey {
@@ -99,8 +87,7 @@ impl CoreHashes {
         let bricks = Part::lenders(id.index, grid).map(|index| BrickId { index, ..id });
         let mut hasher = Xxh3Default::new();
         self.all_of(bricks, |hash| hasher.update(&hash.to_le_bytes()))?;
-        let BrickId { channel, level, index, .. } = id;
-        Some(Content { channel, level, index, hash: hasher.digest128() })
+        Some(Content { id: BrickId { time: 0, ..id }, hash: hasher.digest128() })
     }
 
     /// Passes the hashes of bricks to `tell`. Returns its last result; `None` at the first unknown hash.

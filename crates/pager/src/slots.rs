@@ -237,7 +237,7 @@ mod tests {
     #[test]
     fn a_shared_slot_is_free_after_the_last_of_its_bricks() {
         let same = |time| VolumeBrick { volume: 0, id: BrickId { time, ..brick(0).id } };
-        let content = Content::for_test(brick(0).id, 7);
+        let content = Content { id: brick(0).id, hash: 7 };
         let mut table = table(2);
         assert!(!table.share(same(0), content, Tier::Visible), "no slot holds it");
         assert_eq!(table.acquire(same(0), Some(content), Tier::Visible).map(|a| a.slot.0), Some(0));
@@ -257,7 +257,7 @@ mod tests {
     #[test]
     fn no_slot_is_shared_by_ever_more_bricks() {
         let same = |time| VolumeBrick { volume: 0, id: BrickId { time, ..brick(0).id } };
-        let content = Content::for_test(brick(0).id, 7);
+        let content = Content { id: brick(0).id, hash: 7 };
         let mut table = table(2);
         table.acquire(same(0), Some(content), Tier::Visible).unwrap();
         for time in 1..100 {
