@@ -103,10 +103,6 @@ impl DemandLayer {
             Self { place, volume, encoding, codes }
         })
     }
-
-    fn contents(&self) -> SlotContents {
-        slot_contents(&self.encoding, self.codes.as_ref())
-    }
 }
 
 /// A layer with its present draw lists.
@@ -154,7 +150,8 @@ impl Fit {
         let needs = demand.layers.iter().zip(&sources);
         let needs = needs.map(|(layer, source)| layer_needs(&**source, layer.encoding, demand.bricks, options.live));
         let needs: Vec<VolumeNeeds> = needs.collect();
-        let contents: Vec<SlotContents> = demand.layers.iter().map(DemandLayer::contents).collect();
+        let contents = demand.layers.iter().map(|layer| slot_contents(&layer.encoding, layer.codes.as_ref()));
+        let contents: Vec<SlotContents> = contents.collect();
         let (backend, backend_line) = backend::open(device, &needs, &demand.pictures, options)?;
         let pools = match pools_of(&needs, &sources, &contents, &*backend, options, kept) {
             Ok(pools) => pools,

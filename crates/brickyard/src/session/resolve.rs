@@ -218,7 +218,8 @@ pub(crate) fn resolve_with(
     let counts: Vec<StoreCounts> = volumes.iter().map(VolumeSource::counts).collect();
     scene.check(&counts)?;
     let mut shown = shown_layers(volumes, scene)?;
-    let combination = combination(volumes, scene)?;
+    let combination =
+        expression_look(volumes, scene)?.map(|(read, transfer)| Combination::new(read.of_its_own(), transfer));
     if let Some(combination) = &combination {
         let windows: Vec<[f64; 2]> =
             shown.iter().map(|layer| layer.volume.source.channel_range(layer.style.channel).into()).collect();
@@ -334,12 +335,6 @@ fn window_of(function: &TransferFunction, layer: &SceneLayer, scene: &Scene, vol
         Window { is_by_gradient, ..Window::of([low, high]) }
     };
     Window::new(function, &layer.isosurfaces, scene.mode).or_else(|| has_gradients.then(of_values))
-}
-
-/// Returns the expression over the layers, if any, with its transfer function.
-fn combination(volumes: &[VolumeSource], scene: &Scene) -> Result<Option<Combination>, SceneError> {
-    let look = expression_look(volumes, scene)?;
-    Ok(look.map(|(read, transfer)| Combination::new(read.of_its_own(), transfer)))
 }
 
 /// Returns the scene's expression, if any, and its look: the scene's, or by default a gray ramp over all possible
