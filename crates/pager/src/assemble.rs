@@ -28,13 +28,13 @@ pub struct PaddedReader {
 impl PaddedReader {
     /// Creates a reader through `cache`, which determines the width of the aprons.
     pub fn new(cache: Arc<RamCache>) -> Self {
-        let encoder = Encoder::new(&**cache.source(), cache.contents(), &cache.layout());
+        let encoder = Encoder::new(&**cache.source(), &cache.contents, &cache.layout);
         Self { cache, encoder }
     }
 
     /// Bytes of a padded brick: `(edge + 2 * apron)^3` codes, then any gradients.
     pub fn padded_bytes(&self) -> usize {
-        self.cache.layout().padded_bytes()
+        self.cache.layout.padded_bytes()
     }
 
     /// Fills `out`, of [`PaddedReader::padded_bytes`] bytes, with the brick and its apron, x fastest, then gradients. Waits and retries a
@@ -65,7 +65,7 @@ impl PaddedReader {
         let pyramid = self.cache.source().pyramid();
         let extent = pyramid.level(id.level).extent.to_array();
         let index = id.index.to_array();
-        let layout = self.cache.layout();
+        let layout = self.cache.layout;
         let spans = std::array::from_fn(|a| spans(&layout, index[a] as usize, extent[a] as usize));
         let (codes, gradients) = out.split_at_mut(layout.padded_code_bytes());
         let Self { cache, encoder } = self;
@@ -92,7 +92,7 @@ impl PaddedReader {
 
 /// Assembles a padded brick from its core and its neighbours' shells. Returns whether all could be read.
 fn gather(cache: &RamCache, id: BrickId, spans: [[Span; 3]; 3], out: &mut [u8]) -> Result<bool, Failure> {
-    let layout = cache.layout();
+    let layout = cache.layout;
     let place = |part: Part| place(&spans, part);
     let parts = Part::all().filter(|&part| place(part).iter().all(|span| span.len > 0));
     let wanted = parts.map(|part| cache.wanted(part, BrickId { index: part.lender(id.index), ..id }));
@@ -122,7 +122,7 @@ fn gather(cache: &RamCache, id: BrickId, spans: [[Span; 3]; 3], out: &mut [u8]) 
 /// Assembles a padded brick from its core and its stored apron, or its neighbours' cores if the apron is unreadable. Returns whether all
 /// voxels could be read.
 fn paste_whole(cache: &RamCache, id: BrickId, spans: [[Span; 3]; 3], out: &mut [u8]) -> Result<bool, Failure> {
-    let layout = cache.layout();
+    let layout = cache.layout;
     let own = place(&spans, Part::OWN);
     let Whole { voxels, has_apron } = cache.whole(id)?;
     let (core, apron) = voxels.split_at(layout.core_bytes());
@@ -270,7 +270,7 @@ mod tests {
             reader.read(id, &mut out).unwrap();
         }
         assert_eq!(cache.counters().decoded, bricks.len() as u64);
-        assert!(meter.peak() <= (front * cache.layout().cached_bytes()) as u64);
+        assert!(meter.peak() <= (front * cache.layout.cached_bytes()) as u64);
     }
 
     /// More threads than buffers neither wait for each other for good nor spoil each other's bricks.
@@ -293,7 +293,7 @@ mod tests {
                     });
                 }
             });
-            assert_eq!(meter.peak(), (cores * cache.layout().cached_bytes()) as u64);
+            assert_eq!(meter.peak(), (cores * cache.layout.cached_bytes()) as u64);
         }
     }
 

@@ -194,7 +194,7 @@ impl ExactPasses {
                 let (at, stand_in) = entry.remove_entry();
                 return Ok(Next::Upload(self.place(at, stand_in)));
             }
-            let Some((at, result)) = self.readers.receive(timeout) else { return Ok(Next::Wait) };
+            let Ok((at, result)) = self.readers.arrivals.recv_timeout(timeout) else { return Ok(Next::Wait) };
             self.early.insert(at, result.map_err(ExactError::Unreadable)?);
         }
     }
@@ -219,11 +219,9 @@ const ADVISE_BATCH: usize = 16;
 /// The threads. Counted buffers, one per taken cell, limit reading ahead; and the first missing cell always has a buffer, so it arrives.
 struct Readers {
     free: Sender<Arc<[u8]>>,
-    arrivals: Receiver<Arrival>,
+    arrivals: Receiver<(usize, Result<StandIn, BrickError>)>,
     threads: Threads,
 }
-
-type Arrival = (usize, Result<StandIn, BrickError>);
 
 impl Readers {
     fn start(cache: &Arc<RamCache>, cells: &Arc<[BrickId]>, threads: u32, staged: usize) -> std::io::Result<Self> {
@@ -231,7 +229,7 @@ impl Readers {
         let (sender, arrivals) = bounded(staged);
         for _ in 0..staged {
             // There is room, and a receiver: both ends are here.
-            let _ = free.send(zeroed(cache.layout().padded_bytes()));
+            let _ = free.send(zeroed(cache.layout.padded_bytes()));
         }
         let next = Arc::new(AtomicUsize::new(0));
         let mut readers = Self { free, arrivals, threads: Threads::default() };
@@ -258,10 +256,6 @@ impl Readers {
             readers.threads.start(format!("exact-reader-{i}"), work)?;
         }
         Ok(readers)
-    }
-
-    fn receive(&self, timeout: Duration) -> Option<Arrival> {
-        self.arrivals.recv_timeout(timeout).ok()
     }
 
     /// Takes a buffer back; one with another holder is left to that holder and replaced.

@@ -190,7 +190,8 @@ impl BrickSource for PagedOccupancy {
 /// Reader thread of occupancy pages; dropping it ends the thread.
 pub(crate) struct PageReader {
     pub(crate) occupancy: Arc<PagedOccupancy>,
-    arrivals: Receiver<()>,
+    /// Signals of arrived pages.
+    pub(crate) arrivals: Receiver<()>,
     _thread: Threads,
 }
 
@@ -208,10 +209,6 @@ impl PageReader {
         let mut thread = Threads::default();
         thread.start("page-reader".into(), work)?;
         Ok(Self { occupancy, arrivals, _thread: thread })
-    }
-
-    pub(crate) fn arrivals(&self) -> &Receiver<()> {
-        &self.arrivals
     }
 }
 
@@ -243,7 +240,7 @@ mod tests {
             if !paged.is_waiting() {
                 return answer;
             }
-            let _ = reader.arrivals().recv_timeout(Duration::from_millis(50));
+            let _ = reader.arrivals.recv_timeout(Duration::from_millis(50));
         }
     }
 
@@ -307,7 +304,7 @@ mod tests {
                 answers();
                 paged.is_waiting()
             } {
-                let _ = reader.arrivals().recv_timeout(Duration::from_millis(50));
+                let _ = reader.arrivals.recv_timeout(Duration::from_millis(50));
                 assert!(std::time::Instant::now() < deadline, "view {view} does not come to rest");
             }
             let version = paged.version();

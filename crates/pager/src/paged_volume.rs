@@ -275,20 +275,20 @@ impl PagedVolume {
 
     /// Whether a brick or a page of occupancy waits for a frame.
     pub(crate) fn has_arrivals(&self) -> bool {
-        self.take_sign() || !self.workers.arrivals().is_empty()
+        self.take_sign() || !self.workers.arrivals.is_empty()
     }
 
     /// Adds the channels of bricks and pages to `select`.
     pub(crate) fn select<'a>(&'a self, select: &mut Select<'a>) {
         if let Some(reader) = &self.occupancy {
-            select.recv(reader.arrivals());
+            select.recv(&reader.arrivals);
         }
-        select.recv(self.workers.arrivals());
+        select.recv(&self.workers.arrivals);
     }
 
     /// Takes the signal of arrived occupancy pages. Returns whether there was one.
     pub(crate) fn take_sign(&self) -> bool {
-        self.occupancy.as_ref().is_some_and(|reader| reader.arrivals().try_recv().is_ok())
+        self.occupancy.as_ref().is_some_and(|reader| reader.arrivals.try_recv().is_ok())
     }
 
     /// Decoding totals since the start. Bytes read are 0 unless `counts_reads`.

@@ -32,9 +32,9 @@ pub struct RamCache {
     source: Arc<dyn BrickSource>,
     /// Bytes read by the source before.
     bytes_read_before: u64,
-    layout: Layout,
+    pub(crate) layout: Layout,
     /// Contents of the padded bricks' slots.
-    contents: SlotContents,
+    pub(crate) contents: SlotContents,
     /// Hashes for finding equal cores of several time steps; `None` if not compared.
     hashes: Option<CoreHashes>,
     inner: Mutex<Inner>,
@@ -192,14 +192,6 @@ impl RamCache {
         let DecodeCounters { decoded, bytes_decoded, failed } = self.counters();
         let bytes_read = self.source.bytes_read() - self.bytes_read_before;
         Counters { decoded, bytes_read, bytes_decoded, failed, ..Counters::default() }
-    }
-
-    pub(crate) fn layout(&self) -> Layout {
-        self.layout
-    }
-
-    pub(crate) fn contents(&self) -> &SlotContents {
-        &self.contents
     }
 
     pub(crate) fn wanted(&self, part: Part, lender: BrickId) -> Wanted {

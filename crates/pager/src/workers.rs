@@ -28,7 +28,7 @@ const ADVISE_BATCH: usize = 16;
 pub(crate) struct Workers {
     shared: Arc<Shared>,
     /// A worker waiting for room in the channel gets an error once this is dropped.
-    arrivals: Receiver<Arrival>,
+    pub(crate) arrivals: Receiver<Arrival>,
     threads: Threads,
 }
 
@@ -124,7 +124,7 @@ impl Workers {
         meter: Arc<Meter>,
         held: Arc<SlotsByContent>,
     ) -> std::io::Result<Self> {
-        let padded_bytes = cache.layout().padded_bytes();
+        let padded_bytes = cache.layout.padded_bytes();
         let queue = Mutex::new(Queue { permits: staged, staged, ..Queue::default() });
         let shared = Arc::new(Shared { queue, wake: Condvar::new(), padded_bytes, meter, held });
         let (sender, arrivals) = bounded(staged);
@@ -158,10 +158,6 @@ impl Workers {
     /// Takes padded buffers back. A buffer with another holder is left to that holder and no longer counts.
     pub(crate) fn give_back(&self, buffers: impl IntoIterator<Item = Arc<[u8]>>) {
         buffers.into_iter().for_each(|buffer| self.shared.give_back(buffer));
-    }
-
-    pub(crate) fn arrivals(&self) -> &Receiver<Arrival> {
-        &self.arrivals
     }
 
     /// Whether any brick of the plan is unread, being read, or not yet received.
