@@ -1,6 +1,7 @@
 //! Cores of bricks read by picks: an LRU within a byte limit, since most picks are near the previous one.
 
 use crate::session::volume_source::VolumeSource;
+use crate::window::probe::read_core;
 use brickyard_pager::{BrickError, BrickSource};
 use brickyard_volume::BrickId;
 use lru::LruCache;
@@ -49,11 +50,9 @@ impl Cores {
         if let Some(core) = self.held.get(&(volume, id)) {
             return Ok(core.clone());
         }
-        let bytes = (source.pyramid().edge() as usize).pow(3) * source.voxel_type().bytes();
-        let mut core: Arc<[u8]> = std::iter::repeat_n(0, bytes).collect();
-        source.read_core(id, Arc::get_mut(&mut core).expect("nobody else holds it yet"))?;
+        let core = read_core(source, id)?;
         self.decoded += 1;
-        self.bytes += bytes as u64;
+        self.bytes += core.len() as u64;
         self.held.put((volume, id), core.clone());
         // The latest one stays, however large it is.
         while self.bytes > self.most_bytes && self.held.len() > 1 {
