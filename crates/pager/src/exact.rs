@@ -19,6 +19,7 @@ use crate::slot_contents::scratch_bytes;
 use crate::source::{BrickError, BrickSource};
 use crate::status::Counters;
 use crate::visible_cells::VisibleCells;
+use crate::workers::ADVISE_BATCH;
 use brickyard_volume::{BrickId, Level};
 use crossbeam_channel::{Receiver, Sender, bounded};
 use std::collections::BTreeMap;
@@ -212,9 +213,6 @@ impl ExactPasses {
         Upload { volume: 0, slot, brick, codes }
     }
 }
-
-/// Bricks announced to the kernel for reading ahead at a time.
-const ADVISE_BATCH: usize = 16;
 
 /// The threads. Counted buffers, one per taken cell, limit reading ahead; and the first missing cell always has a buffer, so it arrives.
 struct Readers {

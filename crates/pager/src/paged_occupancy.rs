@@ -65,15 +65,6 @@ pub(crate) fn kept_bytes(source: &dyn BrickSource, host_bytes: u64) -> u64 {
 }
 
 impl PagedOccupancy {
-    /// Starts the reading thread for a source, with nothing read yet. At most `kept_bytes` of pages are kept, or one page if that is more.
-    pub(crate) fn start(source: Arc<dyn BrickSource>, kept_bytes: u64) -> std::io::Result<PageReader> {
-        let (asked, pages) = unbounded();
-        let capacity = NonZeroUsize::new((kept_bytes / PAGE_BYTES) as usize).unwrap_or(NonZeroUsize::MIN);
-        let kept = LruCache::new(capacity);
-        let pages_kept = Pages { kept, asked: Some(asked), waiting: 0, view: 0, version: 0 };
-        PageReader::start(Arc::new(Self { source, pages: Mutex::new(pages_kept) }), pages)
-    }
-
     /// Changes whenever more occupancy becomes known.
     pub(crate) fn version(&self) -> u64 {
         self.lock().version
@@ -196,11 +187,17 @@ pub(crate) struct PageReader {
 }
 
 impl PageReader {
-    fn start(occupancy: Arc<PagedOccupancy>, asked: Receiver<PageId>) -> std::io::Result<Self> {
+    /// Starts the reading thread for a source, with nothing read yet. At most `kept_bytes` of pages are kept, or one page if that is more.
+    pub(crate) fn start(source: Arc<dyn BrickSource>, kept_bytes: u64) -> std::io::Result<Self> {
+        let (asked, to_read) = unbounded();
+        let capacity = NonZeroUsize::new((kept_bytes / PAGE_BYTES) as usize).unwrap_or(NonZeroUsize::MIN);
+        let kept = LruCache::new(capacity);
+        let pages = Mutex::new(Pages { kept, asked: Some(asked), waiting: 0, view: 0, version: 0 });
+        let occupancy = Arc::new(PagedOccupancy { source, pages });
         let (arrived, arrivals) = bounded(1);
         let reading = occupancy.clone();
         let work = move || {
-            for page in asked {
+            for page in to_read {
                 reading.read(page);
                 // One signal is enough for any number of pages.
                 let _ = arrived.try_send(());
@@ -253,7 +250,7 @@ mod tests {
 
     #[test]
     fn ancestors_answer_until_the_page_has_come() {
-        let reader = PagedOccupancy::start(Arc::new(row()), 1 << 20).unwrap();
+        let reader = PageReader::start(Arc::new(row()), 1 << 20).unwrap();
         let paged = &reader.occupancy;
         assert_eq!(paged.occupancy(brick(0, 7)), Occupancy::ALL, "nothing is known yet");
         let version = paged.version();
@@ -268,7 +265,7 @@ mod tests {
     fn a_page_that_cannot_be_read_is_answered_for_by_coarser_ones() {
         let mut source = row();
         source.failing_pages = [source.pyramid().page_of(brick(0, 6)).0].into();
-        let reader = PagedOccupancy::start(Arc::new(source), 1 << 20).unwrap();
+        let reader = PageReader::start(Arc::new(source), 1 << 20).unwrap();
         let paged = &reader.occupancy;
         assert_eq!(settled(paged, &reader, brick(0, 6)), Occupancy::NONE, "by brick 3 of level 1");
         assert_eq!(settled(paged, &reader, brick(0, 8)), Occupancy::ALL, "by brick 4 of level 1");
@@ -280,7 +277,7 @@ mod tests {
         source.failing_pages = [source.pyramid().page_of(brick(0, 8)).0].into();
         source.failing_pages_pass = true.into();
         let source = Arc::new(source);
-        let reader = PagedOccupancy::start(source.clone(), 1 << 20).unwrap();
+        let reader = PageReader::start(source.clone(), 1 << 20).unwrap();
         let paged = &reader.occupancy;
         assert_eq!(settled(paged, &reader, brick(0, 8)), Occupancy::ALL);
         let version = paged.version();
@@ -294,7 +291,7 @@ mod tests {
     #[test]
     fn a_view_that_wants_more_pages_than_fit_comes_to_rest() {
         let source = Arc::new(row());
-        let reader = PagedOccupancy::start(source.clone(), 8 * PAGE_BYTES).unwrap();
+        let reader = PageReader::start(source.clone(), 8 * PAGE_BYTES).unwrap();
         let paged = &reader.occupancy;
         for view in 0..3 {
             paged.begin_view();

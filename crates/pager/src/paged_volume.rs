@@ -96,7 +96,7 @@ impl PagedVolume {
         let workers = Workers::start(&cache, workers, staged, meter.clone(), held.clone())?;
         let occupancy = match config.planning {
             Planning::Inline => None,
-            Planning::Thread => Some(PagedOccupancy::start(source.clone(), kept_bytes(&**source, host_bytes))?),
+            Planning::Thread => Some(PageReader::start(source.clone(), kept_bytes(&**source, host_bytes))?),
         };
         Ok(Self {
             source: source.clone(),

@@ -311,7 +311,7 @@ impl Residency {
             }
             for &Ranked { cell, .. } in &wants.sight.cells {
                 // Parents come before children in a cut. A coarser stand-in than before replaces an evicted brick.
-                if let (Some((before, _)), Some((now, _))) = (before.of(cell), now.of(cell))
+                if let (Some(before), Some(now)) = (before.of(cell), now.of(cell))
                     && now > before
                 {
                     bricks.fades.begin(wants.goal.cut.id(now), wants.goal.cut.id(before));
@@ -337,12 +337,12 @@ impl Residency {
             bricks.fades.before().for_each(|id| self.slots.touch(VolumeBrick { volume, id }));
             let others = wants.sight.cells.iter().filter(|ranked| !cut.is_wanted(ranked.cell));
             let drawn = others.filter_map(|ranked| stand_ins.of(ranked.cell));
-            drawn.for_each(|(stand_in, _)| self.slots.touch(VolumeBrick { volume, id: cut.id(stand_in) }));
+            drawn.for_each(|stand_in| self.slots.touch(VolumeBrick { volume, id: cut.id(stand_in) }));
         }
         ahead.iter().rev().for_each(|&(tier, brick)| self.slots.claim(brick, tier));
         for (volume, Wants { goal, .. }) in wants.iter().enumerate() {
             let wanted = goal.cut.wanted_cells().filter_map(|cell| stand_ins[volume].of(cell));
-            for (stand_in, _) in wanted {
+            for stand_in in wanted {
                 self.slots.claim(VolumeBrick { volume, id: goal.cut.id(stand_in) }, Tier::Visible);
             }
         }
@@ -407,7 +407,7 @@ impl Residency {
             let mut of_volume: Vec<BrickId> = resident_roots.collect();
             is_drawn_everywhere &= goal.roots().all(|root| self.state(volume, root) != State::Absent);
             is_drawn_everywhere &= cut.wanted_cells().all(|cell| stand_ins.of(cell).is_some());
-            of_volume.extend(cut.wanted_cells().filter_map(|cell| stand_ins.of(cell)).map(|(node, _)| cut.id(node)));
+            of_volume.extend(cut.wanted_cells().filter_map(|cell| stand_ins.of(cell)).map(|node| cut.id(node)));
             of_volume.sort_unstable();
             of_volume.dedup();
             there.extend(bricks_of(volume, of_volume));

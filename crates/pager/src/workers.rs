@@ -23,7 +23,7 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
 /// Bricks advised at a time. Cold reads with batches of 16 are several times faster than plain page faults.
-const ADVISE_BATCH: usize = 16;
+pub(crate) const ADVISE_BATCH: usize = 16;
 
 pub(crate) struct Workers {
     shared: Arc<Shared>,
