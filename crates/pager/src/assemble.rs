@@ -11,7 +11,6 @@ use crate::layout::Layout;
 use crate::neighbourhood::{Part, Span, spans};
 use crate::ram_cache::{RamCache, Wanted, Whole};
 use crate::retry::Failure;
-use crate::sameness::Content;
 use crate::slot_contents::Encoder;
 use crate::source::BrickError;
 use brickyard_volume::{BrickId, PaddedCodes, SlotEncoding};
@@ -21,7 +20,7 @@ use std::time::Instant;
 
 /// Reader of one source's padded bricks through a RAM cache. Each thread needs its own.
 pub struct PaddedReader {
-    cache: Arc<RamCache>,
+    pub(crate) cache: Arc<RamCache>,
     encoder: Encoder,
 }
 
@@ -52,11 +51,6 @@ impl PaddedReader {
                 Ok(_) => return Ok(()),
             }
         }
-    }
-
-    /// Content of a padded brick, for finding equal ones of other time steps; `None` if unknown.
-    pub(crate) fn content(&self, id: BrickId) -> Option<Content> {
-        self.cache.content(id)
     }
 
     /// Like [`PaddedReader::read`], but without waiting: the failure has the time of the next try. While a neighbour may yet be read, the

@@ -233,17 +233,17 @@ impl Readers {
         let mut readers = Self { free, arrivals, threads: Threads::default() };
         for i in 0..threads {
             let (cells, next, taken, sender) = (cells.clone(), next.clone(), taken.clone(), sender.clone());
-            let (source, mut reader) = (cache.source().clone(), PaddedReader::new(cache.clone()));
+            let mut reader = PaddedReader::new(cache.clone());
             let work = move || {
                 for mut codes in taken {
                     let at = next.fetch_add(1, Ordering::Relaxed);
                     let Some(&cell) = cells.get(at) else { return };
                     let read = AssertUnwindSafe(|| {
                         if at % ADVISE_BATCH == 0 {
-                            source.advise(&cells[at..cells.len().min(at + ADVISE_BATCH)]);
+                            reader.cache.source().advise(&cells[at..cells.len().min(at + ADVISE_BATCH)]);
                         }
                         // A buffer from the channel has one holder, so the copy never happens.
-                        read_nearest(&mut reader, &*source, cell, Arc::make_mut(&mut codes))
+                        read_nearest(&mut reader, cell, Arc::make_mut(&mut codes))
                     });
                     let read = catch_unwind(read).unwrap_or_else(|_| Err(BrickError::of_panic(cell, "the reader")));
                     if sender.send((at, read.map(|brick| StandIn { brick, codes }))).is_err() {
@@ -268,12 +268,7 @@ impl Readers {
 }
 
 /// Reads a brick or its nearest readable ancestor, and returns which.
-fn read_nearest(
-    reader: &mut PaddedReader,
-    source: &dyn BrickSource,
-    cell: BrickId,
-    codes: &mut [u8],
-) -> Result<BrickId, BrickError> {
+fn read_nearest(reader: &mut PaddedReader, cell: BrickId, codes: &mut [u8]) -> Result<BrickId, BrickError> {
     let mut brick = cell;
     let mut first_error = None;
     loop {
@@ -281,7 +276,7 @@ fn read_nearest(
             Ok(()) => return Ok(brick),
             Err(error) => {
                 let error = first_error.get_or_insert(error);
-                let parent = source.pyramid().parent(brick.level, brick.index);
+                let parent = reader.cache.source().pyramid().parent(brick.level, brick.index);
                 let Some(index) = parent else { return Err(error.clone()) };
                 brick = BrickId { level: Level(brick.level.0 + 1), index, ..brick };
             }

@@ -132,8 +132,7 @@ impl Workers {
         for i in 0..threads {
             let (shared, sender) = (workers.shared.clone(), sender.clone());
             let reader = PaddedReader::new(cache.clone());
-            let source = cache.source().clone();
-            let work = move || shared.work(reader, &sender, |ids| source.advise(ids));
+            let work = move || shared.work(reader, &sender);
             workers.threads.start(format!("brick-worker-{i}"), work)?;
         }
         Ok(workers)
@@ -175,9 +174,9 @@ impl Drop for Workers {
 }
 
 impl Shared {
-    fn work(&self, mut reader: PaddedReader, sender: &Sender<Arrival>, advise: impl Fn(&[BrickId])) {
+    fn work(&self, mut reader: PaddedReader, sender: &Sender<Arrival>) {
         while let Some(Job { id, mut buffer, advise: batch }) = self.take() {
-            let read = AssertUnwindSafe(|| self.read(&mut reader, id, &mut buffer, batch, &advise));
+            let read = AssertUnwindSafe(|| self.read(&mut reader, id, &mut buffer, batch));
             let panicked = |_| Err(Failure { error: BrickError::of_panic(id, "the reader"), again: None });
             let result = match catch_unwind(read).unwrap_or_else(panicked) {
                 Ok(Found::Held(content)) => {
@@ -204,15 +203,14 @@ impl Shared {
         id: BrickId,
         buffer: &mut Arc<[u8]>,
         batch: Vec<BrickId>,
-        advise: impl Fn(&[BrickId]),
     ) -> Result<Found, Failure> {
         let is_held = |content: &Content| self.held.lock().contains_key(content);
-        let to_read = |id: &BrickId| !reader.content(*id).as_ref().is_some_and(is_held);
+        let to_read = |id: &BrickId| !reader.cache.content(*id).as_ref().is_some_and(is_held);
         let batch: Vec<BrickId> = batch.into_iter().filter(to_read).collect();
         if !batch.is_empty() {
-            advise(&batch);
+            reader.cache.source().advise(&batch);
         }
-        let content = reader.content(id);
+        let content = reader.cache.content(id);
         if let Some(content) = content.filter(is_held) {
             return Ok(Found::Held(content));
         }
