@@ -89,13 +89,11 @@ impl View {
         own.max(to_box(rays.eye, low, high))
     }
 
-    /// Whether any part of a box of the volume's own world may be shown.
-    pub(crate) fn is_inside_clip(&self, low: DVec3, high: DVec3) -> bool {
-        self.clip.as_ref().is_none_or(|clip| clip.meets_box(low, high))
-    }
-
     /// Whether a brick with this box in the volume's own world may show anything.
     pub(crate) fn shows(&self, source: &dyn BrickSource, id: BrickId, (low, high): (DVec3, DVec3)) -> bool {
+        if self.clip.as_ref().is_some_and(|clip| !clip.meets_box(low, high)) {
+            return false;
+        }
         let Some(mut mask) = self.opaque else { return true };
         if let (Some(caps), Some(clip)) = (&self.caps, &self.clip) {
             let is_cut = |rays: &ViewRays| clip.cuts_segments((low, high), &caps.lattice, &self.placement, rays.eye);

@@ -218,11 +218,10 @@ fn ring(source: &dyn BrickSource, cut: &Cut) -> Vec<(BrickId, f64)> {
             let away = DVec3::AXES[axis] * size * side as f64;
             // A neighbour at the volume's end may be smaller than the cell, and this box slightly too large.
             let (low, high) = (low + away, high + away);
-            if bricks.contains(beside) && cut.view.is_inside_clip(low, high) && !frusta.meet_box(low, high) {
-                let id = cut.view.id(level, BrickIndex::from_array(beside));
-                if cut.view.shows(source, id, (low, high)) {
-                    ring.push((id, error_px));
-                }
+            let id = cut.view.id(level, BrickIndex::from_array(beside));
+            let is_outside = bricks.contains(beside) && !frusta.meet_box(low, high);
+            if is_outside && cut.view.shows(source, id, (low, high)) {
+                ring.push((id, error_px));
             }
         }
     }

@@ -357,17 +357,18 @@ impl<'a> Build<'a> {
         let pixel_size = |rays: &ViewRays| rays.pixel_size(view.distance(rays, low, high));
         let least_pixel = view.eyes().map(pixel_size).fold(f64::INFINITY, f64::min);
         let error_px = self.voxel_size * (1u64 << level.0) as f64 / least_pixel;
-        let (first_child, children, visible) =
-            (None, 0, visible_to(&self.subjects, &self.frusta, level, index, (low, high)));
+        let (first_child, children) = (None, 0);
         // No more light than at the parent, so an ancestor is never split after its descendants.
         let most = self.nodes.get(parent.index()).map_or(OPEN, |parent| parent.weight);
-        let mut node = Node { level, index, low, high, error_px, parent, first_child, children, weight: most, visible };
+        let mut node =
+            Node { level, index, low, high, error_px, parent, first_child, children, weight: most, visible: 0 };
+        node.visible = visible_to(&self.subjects, &self.frusta, &node);
         // Parts of one volume hidden by another are visible in neither; unknown visibility counts as visible.
         let known = |(i, subject): (usize, &Subject<'_>)| {
             let weight = subject.visibility.and_then(|visibility| visibility.weight(subject.view, &node));
-            if visible >> i & 1 != 0 { weight.unwrap_or(OPEN) } else { 0 }
+            if node.visible >> i & 1 != 0 { weight.unwrap_or(OPEN) } else { 0 }
         };
-        let weight = self.subjects.iter().enumerate().map(known).max().filter(|_| visible != 0);
+        let weight = self.subjects.iter().enumerate().map(known).max().filter(|_| node.visible != 0);
         node.weight = weight.map_or(most, |weight| weight.min(most));
         self.nodes.push(node);
         self.twins.push(twin);
@@ -375,19 +376,12 @@ impl<'a> Build<'a> {
 }
 
 /// Members of a shared tree with something in this box: in the frustum and not empty.
-fn visible_to(
-    subjects: &[Subject<'_>],
-    frusta: &Frusta,
-    level: Level,
-    index: BrickIndex,
-    (low, high): (glam::DVec3, glam::DVec3),
-) -> Members {
+fn visible_to(subjects: &[Subject<'_>], frusta: &Frusta, &Node { level, index, low, high, .. }: &Node) -> Members {
     if !frusta.meet_box(low, high) {
         return 0;
     }
-    let is_visible = |Subject { source, view, .. }: &Subject<'_>| {
-        view.is_inside_clip(low, high) && view.shows(*source, view.id(level, index), (low, high))
-    };
+    let is_visible =
+        |Subject { source, view, .. }: &Subject<'_>| view.shows(*source, view.id(level, index), (low, high));
     subjects.iter().zip(0..).fold(0, |all, (subject, i)| all | (is_visible(subject) as Members) << i)
 }
 
@@ -400,10 +394,7 @@ pub(crate) fn recut(cuts: &[Arc<Cut>], sources: &[Arc<dyn BrickSource>], views: 
         let subject = |&i: &usize| Subject { source: &*sources[i], view: &views[i], visibility: None };
         let subjects: Vec<Subject<'_>> = members.iter().map(subject).collect();
         let frusta = subjects[0].view.frusta();
-        let renewed = |node: &Node| {
-            let visible = visible_to(&subjects, &frusta, node.level, node.index, (node.low, node.high));
-            Node { visible, weight: OPEN, ..*node }
-        };
+        let renewed = |node: &Node| Node { visible: visible_to(&subjects, &frusta, node), weight: OPEN, ..*node };
         let nodes = Arc::new(cuts[members[0]].nodes.iter().map(renewed).collect());
         let cut = |&i: &usize| {
             let Cut { member, roots, memory_bound, .. } = *cuts[i];

@@ -55,8 +55,8 @@ impl<'a> Looked<'a> {
             if is_planned {
                 return node.visible & cut.member != 0;
             }
-            let is_in_sight = frusta.meet_box(node.low, node.high) && view.is_inside_clip(node.low, node.high);
-            is_in_sight && view.shows(source, view.id(node.level, node.index), (node.low, node.high))
+            frusta.meet_box(node.low, node.high)
+                && view.shows(source, view.id(node.level, node.index), (node.low, node.high))
         }
     }
 }
@@ -89,8 +89,7 @@ fn of_tree(volumes: &[Looked<'_>], first: usize) -> Vec<VisibleCells> {
     let visible = |node: &Node| sees.iter().zip(0..).fold(0, |all, (sees, i)| all | (sees(node) as Members) << i);
     let Looked { source, cut, view } = volumes[0];
     let placement = &view.placement;
-    let (pyramid, geometry) = (source.pyramid(), source.geometry());
-    let ordered = |rays: &ViewRays| order::back_to_front(pyramid, geometry, rays, placement, cut, visible);
+    let ordered = |rays: &ViewRays| order::back_to_front(source, rays, placement, cut, visible);
     let (order, for_other_eye) = (ordered(&view.rays), view.other_eye.as_ref().map(ordered));
     let area = |ranked: &Ranked| view.eyes().map(|rays| screen_area(rays, placement, &cut[ranked.cell])).sum();
     let sight = |(volume, member): (&Looked<'_>, u32)| {
