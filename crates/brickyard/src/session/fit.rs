@@ -282,10 +282,7 @@ impl Fit {
             let layers = drawn(own, scene, eye);
             let picture = backend.render(&layers, scene.combination.as_ref())?;
             for (i, seen) in seen.iter_mut().enumerate() {
-                *seen = match (seen.take(), backend.visibility(i)) {
-                    (Some(seen), Some(by_eye)) => Some([&seen, by_eye].concat()),
-                    _ => None,
-                };
+                *seen = seen.take().zip(backend.visibility(i)).map(|(seen, by_eye)| [&seen, by_eye].concat());
             }
             Ok::<_, BackendError>(picture)
         })?;
