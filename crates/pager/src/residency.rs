@@ -426,7 +426,7 @@ impl Residency {
             false => State::Absent,
         };
         let requests = plan::requests(goal, state_of, |id| self.state(volume, id));
-        requests.iter().map(|request| (request.key(goal.pyramid), VolumeBrick { volume, id: request.id })).collect()
+        requests.into_iter().map(|(key, id)| (key, VolumeBrick { volume, id })).collect()
     }
 
     /// Missing bricks of the views themselves over all volumes, the most urgent first.
