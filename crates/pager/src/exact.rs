@@ -16,14 +16,13 @@ use crate::leave::Threads;
 use crate::ram_cache::RamCache;
 use crate::residency::Upload;
 use crate::slot_contents::scratch_bytes;
-use crate::source::{BrickError, BrickSource};
+use crate::source::{BrickError, BrickSource, caught};
 use crate::status::Counters;
 use crate::visible_cells::VisibleCells;
 use crate::workers::ADVISE_BATCH;
 use brickyard_volume::{BrickId, Level};
 use crossbeam_channel::{Receiver, Sender, bounded};
 use std::collections::BTreeMap;
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
@@ -238,14 +237,13 @@ impl Readers {
                 for mut codes in taken {
                     let at = next.fetch_add(1, Ordering::Relaxed);
                     let Some(&cell) = cells.get(at) else { return };
-                    let read = AssertUnwindSafe(|| {
+                    let read = caught(cell, "the reader", || {
                         if at % ADVISE_BATCH == 0 {
                             reader.cache.source().advise(&cells[at..cells.len().min(at + ADVISE_BATCH)]);
                         }
                         // A buffer from the channel has one holder, so the copy never happens.
                         read_nearest(&mut reader, cell, Arc::make_mut(&mut codes))
                     });
-                    let read = catch_unwind(read).unwrap_or_else(|_| Err(BrickError::of_panic(cell, "the reader")));
                     if sender.send((at, read.map(|brick| StandIn { brick, codes }))).is_err() {
                         return;
                     }

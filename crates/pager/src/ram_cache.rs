@@ -19,11 +19,10 @@ use crate::neighbourhood::Part;
 use crate::retry::{Failure, Failures};
 use crate::sameness::{Content, CoreHashes, CoreKey};
 use crate::slot_contents::SlotContents;
-use crate::source::{BrickError, BrickSource};
+use crate::source::{BrickError, BrickSource, caught};
 use crate::status::Counters;
 use brickyard_volume::BrickId;
 use rustc_hash::FxHashSet;
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
@@ -296,8 +295,8 @@ impl RamCache {
         // Buffers of a shelf have one holder, so nothing is ever copied here.
         if !making.is_cached {
             let (core, apron) = Arc::make_mut(&mut making.core).split_at_mut(self.layout.core_bytes());
-            decode(id, || self.source.read_core(id, core))?;
-            stored = (!apron.is_empty()).then(|| decode(id, || self.source.read_apron(id, apron)));
+            caught(id, "the decoder", || self.source.read_core(id, core))?;
+            stored = (!apron.is_empty()).then(|| caught(id, "the decoder", || self.source.read_apron(id, apron)));
         }
         if let Some(shell) = &mut making.shell {
             copy_shell(&self.layout, &making.core, Arc::make_mut(shell));
@@ -315,12 +314,6 @@ impl RamCache {
         // Only allocation can panic under the lock, and the state is consistent at every step.
         self.inner.lock().unwrap_or_else(PoisonError::into_inner)
     }
-}
-
-/// Reads a part of a brick. A panic in a codec costs one brick, not a worker and all its waiters.
-fn decode(id: BrickId, read: impl FnOnce() -> Result<(), BrickError>) -> Result<(), BrickError> {
-    let panicked = |_| Err(BrickError::of_panic(id, "the decoder"));
-    catch_unwind(AssertUnwindSafe(read)).unwrap_or_else(panicked)
 }
 
 impl KeptCores {

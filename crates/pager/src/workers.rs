@@ -13,12 +13,11 @@ use crate::ram_cache::RamCache;
 use crate::residency::{Arrival, Arrived};
 use crate::retry::Failure;
 use crate::sameness::{Content, SlotsByContent};
-use crate::source::BrickError;
+use crate::source::caught;
 use crate::tier::Tier;
 use brickyard_volume::BrickId;
 use crossbeam_channel::{Receiver, Sender, bounded};
 use rustc_hash::{FxHashMap, FxHashSet};
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
@@ -176,9 +175,8 @@ impl Drop for Workers {
 impl Shared {
     fn work(&self, mut reader: PaddedReader, sender: &Sender<Arrival>) {
         while let Some(Job { id, mut buffer, advise: batch }) = self.take() {
-            let read = AssertUnwindSafe(|| self.read(&mut reader, id, &mut buffer, batch));
-            let panicked = |_| Err(Failure { error: BrickError::of_panic(id, "the reader"), again: None });
-            let result = match catch_unwind(read).unwrap_or_else(panicked) {
+            let read = caught(id, "the reader", || self.read(&mut reader, id, &mut buffer, batch));
+            let result = match read {
                 Ok(Found::Held(content)) => {
                     self.give_back(buffer);
                     Ok(Arrived::Held(content))
