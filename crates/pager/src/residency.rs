@@ -181,17 +181,17 @@ impl Residency {
 
     pub(crate) fn arrive(&mut self, volume: usize, arrival: Arrival) {
         let Bricks { staged, failed, .. } = &mut self.volumes[volume];
+        let brick = VolumeBrick { volume, id: arrival.id };
         match arrival.result {
             Ok(Arrived::Read { codes, content }) => drop(staged.insert(arrival.id, Staged { codes, content })),
             // If the slot has been given away meanwhile, the brick is requested again.
             Ok(Arrived::Held(content)) => {
-                let brick = VolumeBrick { volume, id: arrival.id };
                 self.counters.shared += self.slots.share(brick, content, Tier::Ring) as u64;
             }
             Err(Failure { again: Some(_), .. }) => {}
             Err(Failure { error, again: None }) => {
                 failed.insert(arrival.id, error);
-                self.slots.changes.note(VolumeBrick { volume, id: arrival.id });
+                self.slots.changes.note(brick);
             }
         }
     }

@@ -64,7 +64,7 @@ impl Subject<'_> {
     }
 }
 
-/// Volumes that share a tree, by their indices, the groups and the volumes in order.
+/// Groups of volumes that share something, such as a tree, by their indices: the groups in the order of their first volumes.
 pub(crate) fn groups<T>(volumes: &[T], share: impl Fn(&T, &T) -> bool) -> Vec<Vec<usize>> {
     let mut groups: Vec<Vec<usize>> = Vec::new();
     for (i, volume) in volumes.iter().enumerate() {
