@@ -15,12 +15,15 @@ impl ProcessMemory {
     /// Reads the memory of this process from the kernel. All fields are 0 on systems other than Linux.
     pub fn now() -> Self {
         let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
-        let field = |name: &str| {
-            let line = status.lines().find_map(|l| l.strip_prefix(name))?;
-            line.split_whitespace().next()?.parse::<u64>().ok().map(|kib| kib * 1024)
-        };
-        Self { resident_peak_bytes: field("VmHWM:").unwrap_or(0), anonymous_bytes: field("RssAnon:").unwrap_or(0) }
+        let field = |name: &str| bytes_of(&status, name).unwrap_or(0);
+        Self { resident_peak_bytes: field("VmHWM:"), anonymous_bytes: field("RssAnon:") }
     }
+}
+
+/// Bytes of a field that the kernel gives in KiB.
+fn bytes_of(text: &str, name: &str) -> Option<u64> {
+    let line = text.lines().find_map(|line| line.strip_prefix(name))?;
+    line.split_whitespace().next()?.parse::<u64>().ok()?.checked_mul(1024)
 }
 
 /// Main memory available to this process in bytes: the machine's, or its control group's if lower. `None` where the
@@ -31,9 +34,7 @@ pub fn available_bytes() -> Option<u64> {
 
 /// [`available_bytes`] of a machine whose file system begins at `root`.
 fn available_in(root: &Path) -> Option<u64> {
-    let total = std::fs::read_to_string(root.join("proc/meminfo")).ok()?;
-    let line = total.lines().find_map(|line| line.strip_prefix("MemTotal:"))?;
-    let total = line.split_whitespace().next()?.parse::<u64>().ok()?.checked_mul(1024)?;
+    let total = bytes_of(&std::fs::read_to_string(root.join("proc/meminfo")).ok()?, "MemTotal:")?;
     let groups = std::fs::read_to_string(root.join("proc/self/cgroup")).unwrap_or_default();
     let limits = groups.lines().filter_map(|line| {
         let (_, rest) = line.split_once(':')?;

@@ -185,7 +185,7 @@ impl Session {
         size_px: (u32, u32),
         kept: impl Fn(Option<FloatSlots>) -> KeptSlots,
     ) -> Result<ResolvedScene, SessionError> {
-        let table = |(volume, channel): (usize, u32), transfer: &TransferFunction, encoding: &SlotEncoding| {
+        let table = |volume: usize, channel: u32, transfer: &TransferFunction, encoding: &SlotEncoding| {
             self.tables[volume].of(channel).table(transfer, encoding)
         };
         for (i, tables) in self.tables.iter().enumerate() {
@@ -194,7 +194,7 @@ impl Session {
         }
         let slots = |place, volume| self.fit.as_ref().and_then(|fit| fit.slots_of(place, volume));
         let kept = |place, volume| slots(place, volume).map_or_else(KeptSlots::default, |slots| kept(slots.floats));
-        let mut resolved = resolve_with(&self.volumes, scene, size_px, (table, kept))?;
+        let mut resolved = resolve_with(&self.volumes, scene, size_px, table, kept)?;
         self.check_order(&resolved)?;
         for layer in &mut resolved.layers {
             layer.view.opaque = layer.view.opaque.filter(|_| self.options.skips_empty);
@@ -237,7 +237,7 @@ impl Session {
         self.end_fit();
         let Self { volumes, options, device, kept, .. } = self;
         let mut kept = std::mem::take(kept);
-        let mut make = |demand| Fit::make(volumes, demand, options, (&mut *device, &mut kept));
+        let mut make = |demand| Fit::make(volumes, demand, options, device, &mut kept);
         // An earlier scene may return. If memory is too small for both, this one alone counts.
         let grown = before.map(|before| asked.grown(&before)).filter(|grown| *grown != asked);
         let made = match grown {
@@ -338,10 +338,8 @@ impl Session {
         self.suit(scene)?;
         let shot = Shot { scene: scene.clone(), size_px };
         let is_put_off = self.puts_off_slots(scene);
-        let resolved = match is_put_off {
-            true => self.resolve_for(scene, size_px, KeptSlots::fixed),
-            false => self.resolve(scene, size_px),
-        }?;
+        let kept = if is_put_off { KeptSlots::fixed } else { KeptSlots::replaceable };
+        let resolved = self.resolve_for(scene, size_px, kept)?;
         self.slot_change.begin_step(&shot, is_put_off);
         let mut frame = self.step_biased(&resolved, level_bias)?;
         let is_whole = frame.status.settled || frame.status.awaits_feedback;
@@ -399,7 +397,7 @@ impl Session {
         let (mut status, ready) = self.step_to(views, &coming)?;
         let coming: Vec<_> = next.into_iter().zip(ready).map(|(step, ready)| ComingStep { step, ready }).collect();
         // Before the check: playback continues past an unreadable step.
-        self.player.note(coming.clone());
+        self.player.coming.clone_from(&coming);
         check_readable(&status)?;
         status.settled &= !self.player.is_seeking();
         self.streaming = self.streaming.mul_f64(0.8) + begun.elapsed().mul_f64(0.2);
@@ -488,7 +486,9 @@ impl Session {
         // Feedback makes the pager drop hidden bricks. Only while the camera moves: for one picture, finding the hidden
         // bricks takes more drawing than reading them, and an edit of the transfer function could reveal them.
         let tells = self.options.live;
-        if let Some(before) = self.shown.as_ref().and_then(ShownPicture::pixels).filter(|_| self.shows_before(frame)) {
+        if let Some(ShownPicture { pixels: Some(before), .. }) = &self.shown
+            && self.shows_before(frame)
+        {
             return Ok(before.clone());
         }
         // It is in the target overwritten here.
@@ -504,7 +504,7 @@ impl Session {
                 Ok(picture) => {
                     self.losses.picture();
                     if self.options.live && frame.status.covered {
-                        self.shown = Some(ShownPicture::of_pixels(frame.clone(), picture.clone()));
+                        self.shown = Some(ShownPicture { frame: frame.clone(), pixels: Some(picture.clone()) });
                     }
                     return Ok(picture);
                 }
@@ -538,7 +538,7 @@ impl Session {
     /// The last drawn frame of a live session, by [`Session::draw`] or [`Session::draw_to`]; `None` before the first
     /// one, and once its picture is lost.
     pub fn shown(&self) -> Option<&Frame> {
-        self.shown.as_ref().map(ShownPicture::frame)
+        self.shown.as_ref().map(|shown| &shown.frame)
     }
 
     /// Creates a lost device anew, with empty slots. Returns other errors, and the loss of an application's own device.
@@ -566,7 +566,7 @@ impl Session {
 
     /// Number of losses of the GPU device so far.
     pub fn device_losses(&self) -> u32 {
-        self.losses.total()
+        self.losses.total
     }
 
     /// Description of the backend: `gpu, llvmpipe (...)` or `cpu, 2 threads`. Empty before the first step.

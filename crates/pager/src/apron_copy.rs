@@ -87,37 +87,36 @@ impl<'a> Block<'a> {
             codes = &codes[slab * layout.slab_bytes()..][..layout.slab_bytes()];
             (from[axis], size[axis]) = (0, layout.apron);
         }
+        Self::of_box(layout, codes, size, from, [x.to, y.to, z.to], [x.len, y.len, z.len])
+    }
+
+    /// The part of a stored apron's slab `from`, possibly wider, for the slab `to` of a padded brick.
+    fn of_slab(layout: &Layout, codes: &'a [u8], from: VoxelBox, to: VoxelBox) -> Self {
+        let of = |numbers: [u32; 3]| numbers.map(|n| n as usize);
+        let (from_min, to_min, size) = (of(from.min.to_array()), of(to.min.to_array()), of(from.extent().to_array()));
+        let first = std::array::from_fn(|a| to_min[a] + layout.stored - layout.apron - from_min[a]);
+        Self::of_box(layout, codes, size, first, to_min, of(to.extent().to_array()))
+    }
+
+    /// Block of `count` voxels along each axis, at `from` in a box of this size and at `to` in the padded brick.
+    fn of_box(
+        layout: &Layout,
+        codes: &'a [u8],
+        size: [usize; 3],
+        from: [usize; 3],
+        to: [usize; 3],
+        count: [usize; 3],
+    ) -> Self {
         let bytes = layout.voxel_bytes;
         let place = |[x, y, z]: [usize; 3], [width, height, _]: [usize; 3]| ((z * height + y) * width + x) * bytes;
         Self {
             codes: &codes[place(from, size)..],
             row: size[0] * bytes,
             slice: size[0] * size[1] * bytes,
-            to: place([x.to, y.to, z.to], [layout.padded(); 3]),
-            run: x.len * bytes,
-            rows: y.len,
-            slices: z.len,
-        }
-    }
-}
-
-impl<'a> Block<'a> {
-    /// The part of a stored apron's slab `from`, possibly wider, for the slab `to` of a padded brick.
-    fn of_slab(layout: &Layout, codes: &'a [u8], from: VoxelBox, to: VoxelBox) -> Self {
-        let bytes = layout.voxel_bytes;
-        let place = |[x, y, z]: [usize; 3], [width, height, _]: [usize; 3]| ((z * height + y) * width + x) * bytes;
-        let of = |numbers: [u32; 3]| numbers.map(|n| n as usize);
-        let (from_min, to_min, size) = (of(from.min.to_array()), of(to.min.to_array()), of(from.extent().to_array()));
-        let first = std::array::from_fn(|a| to_min[a] + layout.stored - layout.apron - from_min[a]);
-        let [run, rows, slices] = of(to.extent().to_array());
-        Self {
-            codes: &codes[place(first, size)..],
-            row: size[0] * bytes,
-            slice: size[0] * size[1] * bytes,
-            to: place(to_min, [layout.padded(); 3]),
-            run: run * bytes,
-            rows,
-            slices,
+            to: place(to, [layout.padded(); 3]),
+            run: count[0] * bytes,
+            rows: count[1],
+            slices: count[2],
         }
     }
 }

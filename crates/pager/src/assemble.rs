@@ -11,7 +11,6 @@ use crate::layout::Layout;
 use crate::neighbourhood::{Part, Span, spans};
 use crate::ram_cache::{RamCache, Wanted, Whole};
 use crate::retry::Failure;
-use crate::sameness::Content;
 use crate::slot_contents::Encoder;
 use crate::source::BrickError;
 use brickyard_volume::{BrickId, PaddedCodes, SlotEncoding};
@@ -21,22 +20,20 @@ use std::time::Instant;
 
 /// Reader of one source's padded bricks through a RAM cache. Each thread needs its own.
 pub struct PaddedReader {
-    cache: Arc<RamCache>,
-    layout: Layout,
+    pub(crate) cache: Arc<RamCache>,
     encoder: Encoder,
 }
 
 impl PaddedReader {
     /// Creates a reader through `cache`, which determines the width of the aprons.
     pub fn new(cache: Arc<RamCache>) -> Self {
-        let layout = cache.layout();
-        let encoder = Encoder::new(&**cache.source(), cache.contents(), &layout);
-        Self { cache, layout, encoder }
+        let encoder = Encoder::new(&**cache.source(), &cache.contents, &cache.layout);
+        Self { cache, encoder }
     }
 
     /// Bytes of a padded brick: `(edge + 2 * apron)^3` codes, then any gradients.
     pub fn padded_bytes(&self) -> usize {
-        self.layout.padded_bytes()
+        self.cache.layout.padded_bytes()
     }
 
     /// Fills `out`, of [`PaddedReader::padded_bytes`] bytes, with the brick and its apron, x fastest, then gradients. Waits and retries a
@@ -56,21 +53,16 @@ impl PaddedReader {
         }
     }
 
-    /// Content of a padded brick, for finding equal ones of other time steps; `None` if unknown.
-    pub(crate) fn content(&self, id: BrickId) -> Option<Content> {
-        self.cache.content(id)
-    }
-
     /// Like [`PaddedReader::read`], but without waiting: the failure has the time of the next try. While a neighbour may yet be read, the
     /// brick is not assembled without it. Returns whether all voxels are the volume's own, with none repeated for an unreadable neighbour.
     pub(crate) fn try_read(&mut self, id: BrickId, out: &mut [u8]) -> Result<bool, Failure> {
         let pyramid = self.cache.source().pyramid();
         let extent = pyramid.level(id.level).extent.to_array();
         let index = id.index.to_array();
-        let layout = self.layout;
+        let layout = self.cache.layout;
         let spans = std::array::from_fn(|a| spans(&layout, index[a] as usize, extent[a] as usize));
         let (codes, gradients) = out.split_at_mut(layout.padded_code_bytes());
-        let Self { cache, encoder, .. } = self;
+        let Self { cache, encoder } = self;
         let mut is_whole = true;
         encoder.encode(id.channel, codes, |voxels| {
             is_whole = match layout.has_stored() {
@@ -94,7 +86,7 @@ impl PaddedReader {
 
 /// Assembles a padded brick from its core and its neighbours' shells. Returns whether all could be read.
 fn gather(cache: &RamCache, id: BrickId, spans: [[Span; 3]; 3], out: &mut [u8]) -> Result<bool, Failure> {
-    let layout = cache.layout();
+    let layout = cache.layout;
     let place = |part: Part| place(&spans, part);
     let parts = Part::all().filter(|&part| place(part).iter().all(|span| span.len > 0));
     let wanted = parts.map(|part| cache.wanted(part, BrickId { index: part.lender(id.index), ..id }));
@@ -124,7 +116,7 @@ fn gather(cache: &RamCache, id: BrickId, spans: [[Span; 3]; 3], out: &mut [u8]) 
 /// Assembles a padded brick from its core and its stored apron, or its neighbours' cores if the apron is unreadable. Returns whether all
 /// voxels could be read.
 fn paste_whole(cache: &RamCache, id: BrickId, spans: [[Span; 3]; 3], out: &mut [u8]) -> Result<bool, Failure> {
-    let layout = cache.layout();
+    let layout = cache.layout;
     let own = place(&spans, Part::OWN);
     let Whole { voxels, has_apron } = cache.whole(id)?;
     let (core, apron) = voxels.split_at(layout.core_bytes());
@@ -226,7 +218,7 @@ fn repeat_ends(bytes: &mut [u8], item: usize, filled: &Range<usize>) {
 mod tests {
     use super::*;
     use crate::budget::Meter;
-    use crate::ram_cache::{DecodeCounters, layout_of};
+    use crate::ram_cache::DecodeCounters;
     use crate::slot_contents::SlotContents;
     use crate::source::BrickSource;
     use crate::test_source::TestSource;
@@ -252,15 +244,10 @@ mod tests {
     }
 
     fn cache(source: TestSource, apron: u32, cores: usize) -> (Arc<RamCache>, Arc<Meter>) {
-        let layout = layout_of(&source, apron, 0, &SlotContents::Codes).unwrap();
+        let layout = Layout::new(&source, apron, 0, &SlotContents::Codes).unwrap();
         let meter = Arc::new(Meter::new((cores * layout.cached_bytes()) as u64));
         (
-            Arc::new(RamCache::with_meter(
-                Arc::new(source),
-                (layout, SlotContents::Codes),
-                (cores, true),
-                meter.clone(),
-            )),
+            Arc::new(RamCache::with_meter(Arc::new(source), layout, SlotContents::Codes, cores, true, meter.clone())),
             meter,
         )
     }
@@ -277,7 +264,7 @@ mod tests {
             reader.read(id, &mut out).unwrap();
         }
         assert_eq!(cache.counters().decoded, bricks.len() as u64);
-        assert!(meter.peak() <= (front * cache.layout().cached_bytes()) as u64);
+        assert!(meter.peak() <= (front * cache.layout.cached_bytes()) as u64);
     }
 
     /// More threads than buffers neither wait for each other for good nor spoil each other's bricks.
@@ -300,7 +287,7 @@ mod tests {
                     });
                 }
             });
-            assert_eq!(meter.peak(), (cores * cache.layout().cached_bytes()) as u64);
+            assert_eq!(meter.peak(), (cores * cache.layout.cached_bytes()) as u64);
         }
     }
 
@@ -386,10 +373,9 @@ mod tests {
             let pyramid = Pyramid::new(Extent::from_array(n), [1.0; 3], 8);
             let source = TestSource::new(pyramid, [1.0; 3], VoxelType::U16).with_aprons(stored);
             let bricks = rows(&source);
-            let layout = layout_of(&source, 2 * layers, layers, &SlotContents::Codes).unwrap();
+            let layout = Layout::new(&source, 2 * layers, layers, &SlotContents::Codes).unwrap();
             let meter = Arc::new(Meter::new((4 * layout.cached_bytes()) as u64));
-            let cache =
-                Arc::new(RamCache::with_meter(Arc::new(source), (layout, SlotContents::Codes), (4, true), meter));
+            let cache = Arc::new(RamCache::with_meter(Arc::new(source), layout, SlotContents::Codes, 4, true, meter));
             let mut reader = PaddedReader::new(cache);
             let mut out = vec![0xEE; reader.padded_bytes()];
             let (mut known, mut met_again) = (HashMap::new(), 0);

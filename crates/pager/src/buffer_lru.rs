@@ -29,7 +29,7 @@ struct Entry {
 }
 
 impl Shelf {
-    pub(crate) fn new(buffer_bytes: usize, (capacity, keeps_done): (usize, bool), meter: Arc<Meter>) -> Self {
+    pub(crate) fn new(buffer_bytes: usize, capacity: usize, keeps_done: bool, meter: Arc<Meter>) -> Self {
         let (entries, done) = (LruCache::unbounded(), LruCache::unbounded());
         Self { buffer_bytes, capacity, keeps_done, meter, allocated: 0, free: Vec::new(), entries, done }
     }
@@ -121,7 +121,7 @@ mod tests {
     /// A full shelf of bricks 0 to 3, each with two parts to take.
     fn shelf() -> (Shelf, Arc<Meter>) {
         let meter = Arc::new(Meter::new(40));
-        let mut shelf = Shelf::new(10, (4, true), meter.clone());
+        let mut shelf = Shelf::new(10, 4, true, meter.clone());
         for x in 0..4 {
             let buffer = shelf.buffer().unwrap();
             shelf.put(brick(x), buffer, 0b11);
@@ -160,7 +160,7 @@ mod tests {
     fn a_sweep_over_a_shelf_that_keeps_nothing_takes_what_is_in_use() {
         for (keeps_done, expected) in [(false, 30), (true, 1000)] {
             let meter = Arc::new(Meter::new(1000));
-            let mut shelf = Shelf::new(10, (100, keeps_done), meter.clone());
+            let mut shelf = Shelf::new(10, 100, keeps_done, meter.clone());
             for x in 0..100 {
                 let buffer = shelf.buffer().unwrap();
                 shelf.put(brick(x), buffer, 0b11);

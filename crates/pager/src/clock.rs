@@ -159,16 +159,13 @@ struct Trial {
     patience: u32,
     /// Steps to show until the last change takes effect.
     pending: u32,
-    /// Bias or stride of the last late step, unless a trial has done better since.
-    failed_at: f64,
+    /// Bias or stride of the last late step; `None` before any, or if a trial has done better since.
+    failed_at: Option<f64>,
     /// Whether the last change was for more quality.
     is_on: bool,
     /// A step's wanted cells before the change of bias, until the change has a visible effect.
     wanted_before: Option<usize>,
 }
-
-/// Less than any bias or stride.
-const NEVER: f64 = -1.0;
 
 impl Clock {
     /// Creates a clock standing still at one of `steps` steps.
@@ -214,10 +211,8 @@ impl Clock {
     pub fn play(&mut self, playback: Option<Playback>, at: Duration) {
         // NaN counts as below the range.
         let within = |rate: f64| if rate >= SLOWEST { rate.min(FASTEST) } else { SLOWEST };
-        let playback = playback.map(|playback| {
-            let steps_per_second = within(playback.steps_per_second);
-            Playback { steps_per_second, ..playback }
-        });
+        let playback =
+            playback.map(|playback| Playback { steps_per_second: within(playback.steps_per_second), ..playback });
         if self.playback() == playback {
             return;
         }
@@ -308,7 +303,7 @@ impl Run {
                 timely: 0,
                 patience: FIRST_PATIENCE,
                 pending: 2,
-                failed_at: NEVER,
+                failed_at: None,
                 is_on: false,
                 wanted_before: None,
             },
@@ -381,7 +376,7 @@ impl Run {
         let came = wanted.saturating_sub(missing);
         // The first bricks may have waited for others.
         let is_telling = is_planned && 4 * came >= wanted && (is_whole || self.playback.policy == Policy::HoldRate);
-        if is_telling && self.places(waited) > FAR_TOO_LONG && !self.trial.has_failed() {
+        if is_telling && self.places(waited) > FAR_TOO_LONG && self.trial.failed_at.is_none() {
             self.give_way(&first, self.places(waited) * wanted.max(1) as f64 / came.max(1) as f64);
         }
         let is_over = is_whole || waited > LONGEST_START;
@@ -513,8 +508,7 @@ impl Run {
     /// Increases a bias without effect, where even the finest level is coarser than requested.
     fn see_change_of_bias(&mut self) {
         let Some(before) = self.trial.wanted_before.filter(|_| !self.trial.is_on) else { return };
-        let changed = self.coming.iter().find(|coming| coming.bias == self.bias && coming.ready.is_planned);
-        let Some(wanted) = changed.map(|coming| coming.ready.wanted) else { return };
+        let Some(wanted) = self.wanted_now() else { return };
         if wanted < before || self.bias >= MOST_BIAS {
             self.trial.wanted_before = None;
         } else {
@@ -524,28 +518,27 @@ impl Run {
 
     /// Whether the last trial of a finer level had no effect.
     fn is_in_vain(&self) -> bool {
-        let is_of_trial = |coming: &&Coming| coming.bias == self.bias && coming.ready.is_planned;
-        let tried = self.coming.iter().find(is_of_trial).map(|coming| coming.ready.wanted);
-        self.trial.is_on && tried.is_some_and(|wanted| Some(wanted) == self.trial.wanted_before)
+        self.trial.is_on && self.wanted_now().is_some_and(|wanted| Some(wanted) == self.trial.wanted_before)
+    }
+
+    /// Wanted cells of a step planned with the present bias; `None` while there is none.
+    fn wanted_now(&self) -> Option<usize> {
+        let is_planned = |coming: &&Coming| coming.bias == self.bias && coming.ready.is_planned;
+        self.coming.iter().find(is_planned).map(|coming| coming.ready.wanted)
     }
 }
 
 impl Trial {
     /// Steps in good time before a trial of this bias or stride: many if it failed before.
     fn waits_for(&self, finer: f64) -> u32 {
-        if finer > self.failed_at { FIRST_PATIENCE } else { self.patience }
-    }
-
-    /// Whether any step has been late so far.
-    fn has_failed(&self) -> bool {
-        self.failed_at != NEVER
+        if self.failed_at.is_none_or(|failed| finer > failed) { FIRST_PATIENCE } else { self.patience }
     }
 
     /// Begins a trial of more quality than the present bias or stride, with effect after `pending` steps.
     fn begin(&mut self, present: f64, pending: u32) {
-        if present <= self.failed_at {
+        if self.failed_at.is_some_and(|failed| present <= failed) {
             // The failed value has held.
-            (self.failed_at, self.patience) = (NEVER, (self.patience / 2).max(FIRST_PATIENCE));
+            (self.failed_at, self.patience) = (None, (self.patience / 2).max(FIRST_PATIENCE));
         }
         *self = Self { timely: 0, pending, is_on: true, ..*self };
     }
@@ -553,8 +546,8 @@ impl Trial {
     /// Records a late step of this bias or stride. A failed trial prolongs the wait for the next. Further late steps may have earlier
     /// causes.
     fn fail(&mut self, of_step: f64) {
-        if self.is_on || self.failed_at == NEVER {
-            self.failed_at = of_step;
+        if self.is_on || self.failed_at.is_none() {
+            self.failed_at = Some(of_step);
         }
         let patience = if self.is_on { (2 * self.patience).min(MOST_PATIENCE) } else { self.patience };
         *self = Self { timely: 0, patience, pending: 2, is_on: false, wanted_before: None, ..*self };

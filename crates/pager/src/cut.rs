@@ -8,6 +8,7 @@
 //! one place, such as the channels of an image, share a tree, split wherever any of them needs it. A cut is a value, from which the next is
 //! computed ([`split`](crate::split)). Pure: no residency, no I/O.
 
+use crate::neighbourhood::Part;
 use crate::source::BrickSource;
 use brickyard_volume::{
     BrickId, BrickIndex, Clip, Filter, Frustum, Lattice, Level, LevelPolicy, Occupancy, PixelRect, Placement, ViewRays,
@@ -88,13 +89,11 @@ impl View {
         own.max(to_box(rays.eye, low, high))
     }
 
-    /// Whether any part of a box of the volume's own world may be shown.
-    pub(crate) fn is_inside_clip(&self, low: DVec3, high: DVec3) -> bool {
-        self.clip.as_ref().is_none_or(|clip| clip.meets_box(low, high))
-    }
-
     /// Whether a brick with this box in the volume's own world may show anything.
     pub(crate) fn shows(&self, source: &dyn BrickSource, id: BrickId, (low, high): (DVec3, DVec3)) -> bool {
+        if self.clip.as_ref().is_some_and(|clip| !clip.meets_box(low, high)) {
+            return false;
+        }
         let Some(mut mask) = self.opaque else { return true };
         if let (Some(caps), Some(clip)) = (&self.caps, &self.clip) {
             let is_cut = |rays: &ViewRays| clip.cuts_segments((low, high), &caps.lattice, &self.placement, rays.eye);
@@ -107,13 +106,8 @@ impl View {
 
     /// Whether any neighbour of a brick is not empty. A brick's own occupancy includes one voxel around it; wider filters read another one.
     fn shows_neighbour(&self, source: &dyn BrickSource, id: BrickId, mask: Occupancy) -> bool {
-        let (index, count) = (id.index.to_array(), source.pyramid().level(id.level).bricks.to_array());
-        (0..27).any(|i| {
-            // One more than the offset along each axis.
-            let at: [u32; 3] = std::array::from_fn(|a| index[a] + i / 3u32.pow(a as u32) % 3);
-            let is_there = (0..3).all(|a| (1..=count[a]).contains(&at[a]));
-            is_there && source.occupancy(BrickId { index: BrickIndex::from_array(at.map(|v| v - 1)), ..id }).meets(mask)
-        })
+        let grid = source.pyramid().level(id.level).bricks;
+        Part::lenders(id.index, grid).any(|index| source.occupancy(BrickId { index, ..id }).meets(mask))
     }
 
     pub(crate) fn id(&self, level: Level, index: BrickIndex) -> BrickId {

@@ -53,7 +53,8 @@ impl DrawList {
     ) -> Self {
         let (mut cells, mut pairs) = (Vec::with_capacity(sight.cells.len()), 0);
         for &Ranked { cell, rank } in &sight.cells {
-            let Some((stand_in, slot)) = stand_ins.of(cell) else { continue };
+            let Some(stand_in) = stand_ins.of(cell) else { continue };
+            let Some(slot) = stand_ins.own[stand_in.index()] else { continue };
             let (cell, brick) = (cut.id(cell), cut.id(stand_in));
             let region = pyramid.brick_box_voxel(cell.level, cell.index);
             let mut own = DrawCell { cell, region, pixels: PixelShare::ALL, brick, slot, rank };
@@ -111,10 +112,9 @@ impl StandIns {
         self.own[node.index()].is_some()
     }
 
-    /// Nearest resident node on the path to the root, itself included, and its slot; `None` if there is none.
-    pub(crate) fn of(&self, node: NodeId) -> Option<(NodeId, Slot)> {
-        let nearest = self.nearest[node.index()]?;
-        self.own[nearest.index()].map(|slot| (nearest, slot))
+    /// Nearest resident node on the path to the root, itself included; `None` if there is none.
+    pub(crate) fn of(&self, node: NodeId) -> Option<NodeId> {
+        self.nearest[node.index()]
     }
 }
 

@@ -11,20 +11,20 @@ use crate::buffer_lru::zeroed;
 use crate::cut::{Cut, View};
 use crate::dither::PixelShare;
 use crate::draw_list::{DrawCell, DrawList, Slot};
-use crate::leave::leave;
-use crate::ram_cache::{RamCache, layout_of};
+use crate::layout::Layout;
+use crate::leave::Threads;
+use crate::ram_cache::RamCache;
 use crate::residency::Upload;
 use crate::slot_contents::scratch_bytes;
-use crate::source::{BrickError, BrickSource};
+use crate::source::{BrickError, BrickSource, caught};
 use crate::status::Counters;
 use crate::visible_cells::VisibleCells;
+use crate::workers::ADVISE_BATCH;
 use brickyard_volume::{BrickId, Level};
 use crossbeam_channel::{Receiver, Sender, bounded};
 use std::collections::BTreeMap;
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::thread::JoinHandle;
 use std::time::Duration;
 
 /// Bytes per cell of the cut, including its share of split cells and of growing lists.
@@ -54,9 +54,6 @@ pub enum ExactError {
 /// Reader of one exact picture's bricks, pass by pass as uploads and draw lists.
 pub struct ExactPasses {
     cells: Arc<[BrickId]>,
-    source: Arc<dyn BrickSource>,
-    /// Bytes read by the source before.
-    bytes_read_before: u64,
     cache: Arc<RamCache>,
     meter: Arc<Meter>,
     slots: usize,
@@ -69,6 +66,7 @@ pub struct ExactPasses {
     /// Codes of the last upload, on loan to the caller until the next call.
     handed_out: Option<Arc<[u8]>>,
     readers: Readers,
+    /// Counts of uploads.
     counters: Counters,
     effective_error_px: f64,
 }
@@ -101,7 +99,7 @@ impl ExactPasses {
     /// If the host budget cannot hold the cells or a brick in flight, the apron or the gradients do not fit, or no thread can be started.
     pub fn new(source: Arc<dyn BrickSource>, view: &View, config: &PagerConfig) -> Result<Self, ExactError> {
         let contents = config.contents.first().cloned().unwrap_or_default();
-        let layout = layout_of(&*source, config.apron, config.gradient_layers, &contents)?;
+        let layout = Layout::new(&*source, config.apron, config.gradient_layers, &contents)?;
         let host_bytes = config.host_bytes;
         let max_cells = (host_bytes / 4 / BYTES_PER_CELL) as usize;
         let cut = Cut::new(&*source, view, max_cells);
@@ -125,29 +123,21 @@ impl ExactPasses {
         let HostSplit { workers, staged, cores } = split_host(host_bytes, config.workers, sizes)?;
         let meter = Arc::new(Meter::new(host_bytes));
         meter.charge(sizes.fixed + workers as u64 * sizes.scratch + staged as u64 * padded);
-        let bytes_read_before = source.bytes_read();
-        let cache = Arc::new(RamCache::with_meter(
-            source.clone(),
-            (layout, contents),
-            (cores, config.keeps_decoded),
-            meter.clone(),
-        ));
+        let cache = RamCache::with_meter(source, layout, contents, cores, config.keeps_decoded, meter.clone());
+        let cache = Arc::new(cache);
         let readers = Readers::start(&cache, &cells, workers, staged).map_err(PagerError::Thread)?;
-        let (start, draw, placed, early, handed_out, counters) = Default::default();
         Ok(Self {
             cells,
-            source,
-            bytes_read_before,
             cache,
             meter,
             slots,
-            start,
-            draw,
-            placed,
-            early,
-            handed_out,
+            start: 0,
+            draw: Vec::new(),
+            placed: 0,
+            early: BTreeMap::new(),
+            handed_out: None,
             readers,
-            counters,
+            counters: Counters::default(),
             effective_error_px,
         })
     }
@@ -179,14 +169,7 @@ impl ExactPasses {
 
     /// Totals so far. `failed` counts unreadable bricks, including those needed only for a neighbour's apron, and stored aprons.
     pub fn counters(&self) -> Counters {
-        let decoded = self.cache.counters();
-        Counters {
-            decoded: decoded.decoded,
-            bytes_read: self.source.bytes_read() - self.bytes_read_before,
-            bytes_decoded: decoded.bytes_decoded,
-            failed: decoded.failed,
-            ..self.counters
-        }
+        self.cache.totals().and(&self.counters)
     }
 
     /// Returns the next step, waiting at most `timeout`. A call ends the use of the last upload.
@@ -211,7 +194,7 @@ impl ExactPasses {
                 let (at, stand_in) = entry.remove_entry();
                 return Ok(Next::Upload(self.place(at, stand_in)));
             }
-            let Some((at, result)) = self.readers.receive(timeout) else { return Ok(Next::Wait) };
+            let Ok((at, result)) = self.readers.arrivals.recv_timeout(timeout) else { return Ok(Next::Wait) };
             self.early.insert(at, result.map_err(ExactError::Unreadable)?);
         }
     }
@@ -220,7 +203,7 @@ impl ExactPasses {
     fn place(&mut self, at: usize, StandIn { brick, codes }: StandIn) -> Upload {
         let (cell, place) = (self.cells[at], at - self.start);
         let slot = Slot(place as u32);
-        let region = self.source.pyramid().brick_box_voxel(cell.level, cell.index);
+        let region = self.cache.source().pyramid().brick_box_voxel(cell.level, cell.index);
         self.draw[place] = Some(DrawCell { cell, region, pixels: PixelShare::ALL, brick, slot, rank: at as u32 });
         self.placed += 1;
         self.counters.uploaded += 1;
@@ -230,22 +213,12 @@ impl ExactPasses {
     }
 }
 
-/// Bricks announced to the kernel for reading ahead at a time.
-const ADVISE_BATCH: usize = 16;
-
 /// The threads. Counted buffers, one per taken cell, limit reading ahead; and the first missing cell always has a buffer, so it arrives.
 struct Readers {
-    /// `None` only while dropping.
-    channels: Option<Channels>,
-    threads: Vec<JoinHandle<()>>,
-}
-
-struct Channels {
     free: Sender<Arc<[u8]>>,
-    arrivals: Receiver<Arrival>,
+    arrivals: Receiver<(usize, Result<StandIn, BrickError>)>,
+    threads: Threads,
 }
-
-type Arrival = (usize, Result<StandIn, BrickError>);
 
 impl Readers {
     fn start(cache: &Arc<RamCache>, cells: &Arc<[BrickId]>, threads: u32, staged: usize) -> std::io::Result<Self> {
@@ -253,65 +226,47 @@ impl Readers {
         let (sender, arrivals) = bounded(staged);
         for _ in 0..staged {
             // There is room, and a receiver: both ends are here.
-            let _ = free.send(zeroed(cache.layout().padded_bytes()));
+            let _ = free.send(zeroed(cache.layout.padded_bytes()));
         }
         let next = Arc::new(AtomicUsize::new(0));
-        let mut readers = Self { channels: Some(Channels { free, arrivals }), threads: Vec::new() };
+        let mut readers = Self { free, arrivals, threads: Threads::default() };
         for i in 0..threads {
             let (cells, next, taken, sender) = (cells.clone(), next.clone(), taken.clone(), sender.clone());
-            let (source, mut reader) = (cache.source().clone(), PaddedReader::new(cache.clone()));
+            let mut reader = PaddedReader::new(cache.clone());
             let work = move || {
                 for mut codes in taken {
                     let at = next.fetch_add(1, Ordering::Relaxed);
                     let Some(&cell) = cells.get(at) else { return };
-                    let read = AssertUnwindSafe(|| {
+                    let read = caught(cell, "the reader", || {
                         if at % ADVISE_BATCH == 0 {
-                            source.advise(&cells[at..cells.len().min(at + ADVISE_BATCH)]);
+                            reader.cache.source().advise(&cells[at..cells.len().min(at + ADVISE_BATCH)]);
                         }
                         // A buffer from the channel has one holder, so the copy never happens.
-                        read_nearest(&mut reader, &*source, cell, Arc::make_mut(&mut codes))
+                        read_nearest(&mut reader, cell, Arc::make_mut(&mut codes))
                     });
-                    let read = catch_unwind(read).unwrap_or_else(|_| Err(BrickError::of_panic(cell, "the reader")));
                     if sender.send((at, read.map(|brick| StandIn { brick, codes }))).is_err() {
                         return;
                     }
                 }
             };
-            let name = format!("exact-reader-{i}");
-            readers.threads.push(std::thread::Builder::new().name(name).spawn(work)?);
+            readers.threads.start(format!("exact-reader-{i}"), work)?;
         }
         Ok(readers)
     }
 
-    fn receive(&self, timeout: Duration) -> Option<Arrival> {
-        self.channels.as_ref()?.arrivals.recv_timeout(timeout).ok()
-    }
-
     /// Takes a buffer back; one with another holder is left to that holder and replaced.
     fn give_back(&self, codes: Option<Arc<[u8]>>) {
-        let (Some(mut codes), Some(channels)) = (codes, &self.channels) else { return };
+        let Some(mut codes) = codes else { return };
         if Arc::get_mut(&mut codes).is_none() {
             codes = zeroed(codes.len());
         }
         // Fails once all cells have been taken: the buffer is no longer needed.
-        let _ = channels.free.try_send(codes);
-    }
-}
-
-impl Drop for Readers {
-    fn drop(&mut self) {
-        self.channels = None;
-        leave(self.threads.drain(..));
+        let _ = self.free.try_send(codes);
     }
 }
 
 /// Reads a brick or its nearest readable ancestor, and returns which.
-fn read_nearest(
-    reader: &mut PaddedReader,
-    source: &dyn BrickSource,
-    cell: BrickId,
-    codes: &mut [u8],
-) -> Result<BrickId, BrickError> {
+fn read_nearest(reader: &mut PaddedReader, cell: BrickId, codes: &mut [u8]) -> Result<BrickId, BrickError> {
     let mut brick = cell;
     let mut first_error = None;
     loop {
@@ -319,7 +274,7 @@ fn read_nearest(
             Ok(()) => return Ok(brick),
             Err(error) => {
                 let error = first_error.get_or_insert(error);
-                let parent = source.pyramid().parent(brick.level, brick.index);
+                let parent = reader.cache.source().pyramid().parent(brick.level, brick.index);
                 let Some(index) = parent else { return Err(error.clone()) };
                 brick = BrickId { level: Level(brick.level.0 + 1), index, ..brick };
             }

@@ -70,7 +70,7 @@ impl Fades {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::cut::{Cut, View, roots};
+    use crate::cut::{Cut, View};
     use crate::goal::Goal;
     use crate::residency::{Arrival, Arrived, Residency, Wants};
     use crate::source::BrickSource;
@@ -113,8 +113,7 @@ mod tests {
             let cut = Cut::new(source, &view, 99);
             let mut sight = VisibleCells::new(source, &cut, &view);
             sight.cells.retain(|_| is_seen);
-            let (pyramid, roots) = (source.pyramid(), &roots(source, 0, 0));
-            let wants = Wants { goal: Goal { pyramid, cut: &cut, roots }, sight: &sight };
+            let wants = Wants { goal: Goal { pyramid: source.pyramid(), cut: &cut }, sight: &sight };
             let step = residency.step(&[wants], Default::default(), Default::default(), Duration::from_millis(at_ms));
             let draw = &step.volumes[0].draw;
             assert!(!(step.settled && draw.is_fading()));

@@ -1,6 +1,6 @@
 //! Wanted bricks of a volume, by name and by view.
 
-use crate::cut::Cut;
+use crate::cut::{Cut, NodeId};
 use brickyard_volume::{BrickId, Pyramid};
 
 /// A brick, and the index of its volume among those sharing slots.
@@ -15,6 +15,11 @@ pub(crate) struct VolumeBrick {
 pub(crate) struct Goal<'a> {
     pub(crate) pyramid: &'a Pyramid,
     pub(crate) cut: &'a Cut,
+}
+
+impl<'a> Goal<'a> {
     /// The volume's coarsest bricks, without which nothing is drawn.
-    pub(crate) roots: &'a [BrickId],
+    pub(crate) fn roots(self) -> impl Iterator<Item = BrickId> + use<'a> {
+        NodeId::range(NodeId(0), self.cut.roots).map(move |root| self.cut.id(root))
+    }
 }

@@ -3,6 +3,7 @@
 //! Shares are fixed once, from the known needs of each volume. Budgets stay hard: a volume's unused share is not lent to another.
 
 use crate::draw_list::DrawList;
+use crate::split::groups;
 use brickyard_volume::{Needs, Pyramid, SlotEncoding, VolumeFrame};
 
 /// Needs of one volume of a renderer.
@@ -35,16 +36,9 @@ impl VolumeNeeds {
 
 /// Slot pool of each volume, numbered from 0 in the order of their first volumes.
 pub fn pools(volumes: &[VolumeNeeds]) -> Vec<usize> {
-    let mut firsts: Vec<&VolumeNeeds> = Vec::new();
-    let mut pools = Vec::with_capacity(volumes.len());
-    for needs in volumes {
-        let known = firsts.iter().position(|first| needs.shares_slots_with(first));
-        pools.push(known.unwrap_or(firsts.len()));
-        if known.is_none() {
-            firsts.push(needs);
-        }
-    }
-    pools
+    let groups = groups(volumes, VolumeNeeds::shares_slots_with);
+    let pool = |volume| groups.iter().position(|members| members.contains(&volume));
+    (0..volumes.len()).filter_map(pool).collect()
 }
 
 /// One volume's part of a picture, which need not show all volumes of its renderer.

@@ -7,7 +7,10 @@
 //! corners lie in several slabs. At 64^3 and an apron of 1 a shell is 9 % of its core, so many more shells than cores fit. It is also
 //! read front to back, whereas in the core every voxel of an x face lies on its own cache line.
 
+use crate::budget::PagerError;
+use crate::slot_contents::SlotContents;
 use crate::source::BrickSource;
+use brickyard_volume::sampling::MAX_REACH;
 use brickyard_volume::{Apron, GradientNodes};
 
 /// Shells per core in the RAM cache.
@@ -33,16 +36,33 @@ pub(crate) struct Layout {
 }
 
 impl Layout {
-    pub(crate) fn new(source: &dyn BrickSource, apron: u32, gradients: GradientNodes, code_bytes: usize) -> Self {
+    /// Layout of a source's padded bricks in slots with these contents.
+    ///
+    /// # Errors
+    /// If the apron or the gradients do not fit the bricks.
+    pub(crate) fn new(
+        source: &dyn BrickSource,
+        apron: u32,
+        gradient_layers: u32,
+        contents: &SlotContents,
+    ) -> Result<Self, PagerError> {
+        let edge = source.pyramid().edge();
+        if !(1..=MAX_REACH).contains(&apron) || apron > edge {
+            return Err(PagerError::Apron { apron, edge });
+        }
+        let gradients = GradientNodes { edge, layers: gradient_layers };
+        if gradients.apron() > apron || (gradient_layers > 0 && !edge.is_multiple_of(2)) {
+            return Err(PagerError::Gradients { apron, least: gradients.apron(), edge });
+        }
         let stored = source.stored_apron();
-        Self {
-            edge: gradients.edge as usize,
+        Ok(Self {
+            edge: edge as usize,
             apron: apron as usize,
             stored: if stored >= apron { stored as usize } else { 0 },
             voxel_bytes: source.voxel_type().bytes(),
-            code_bytes,
+            code_bytes: contents.encoding(source, 0).format.bytes(),
             gradients,
-        }
+        })
     }
 
     pub(crate) fn has_stored(&self) -> bool {

@@ -2,15 +2,34 @@
 //!
 //! An abandoned thread keeps its hold on the source until its read returns, and then ends, as its channels are closed.
 
-use std::thread::JoinHandle;
+use std::thread::{Builder, JoinHandle};
 use std::time::{Duration, Instant};
 
 /// Longest wait for threads: more than reading and decoding a brick takes.
 const PATIENCE: Duration = Duration::from_millis(500);
 const PAUSE: Duration = Duration::from_micros(200);
 
+/// Running threads, which stop when their channels close. Dropping this waits for them, at most for [`PATIENCE`]. Fields are dropped in
+/// the order of their declaration, so a struct declares this after the channels.
+#[derive(Default)]
+pub(crate) struct Threads(Vec<JoinHandle<()>>);
+
+impl Threads {
+    /// Starts another thread.
+    pub(crate) fn start(&mut self, name: String, work: impl FnOnce() + Send + 'static) -> std::io::Result<()> {
+        self.0.push(Builder::new().name(name).spawn(work)?);
+        Ok(())
+    }
+}
+
+impl Drop for Threads {
+    fn drop(&mut self) {
+        leave(self.0.drain(..));
+    }
+}
+
 /// Waits until threads already asked to stop have ended, at most for [`PATIENCE`].
-pub(crate) fn leave(threads: impl IntoIterator<Item = JoinHandle<()>>) {
+fn leave(threads: impl IntoIterator<Item = JoinHandle<()>>) {
     let begun = Instant::now();
     for thread in threads {
         while !thread.is_finished() && begun.elapsed() < PATIENCE {

@@ -42,10 +42,11 @@ impl Part {
         1 << self.number()
     }
 
-    /// Whether the grid has a brick to lend this part to `taker`.
-    pub(crate) fn has_lender(self, taker: BrickIndex, grid: Extent) -> bool {
-        let (taker, grid) = (taker.to_array(), grid.to_array());
-        (0..3).all(|a| (1..=grid[a]).contains(&(taker[a] + self.side[a] as u32)))
+    /// The bricks of a grid that lend their parts to `taker`, itself first.
+    pub(crate) fn lenders(taker: BrickIndex, grid: Extent) -> impl Iterator<Item = BrickIndex> {
+        let (place, grid) = (taker.to_array(), grid.to_array());
+        let has_lender = move |part: &Self| (0..3).all(|a| (1..=grid[a]).contains(&(place[a] + part.side[a] as u32)));
+        Self::all().filter(has_lender).map(move |part| part.lender(taker))
     }
 
     /// The brick lending this part to `taker`; it must exist.

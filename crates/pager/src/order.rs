@@ -6,17 +6,18 @@
 //! of mixed size, where centre distances are wrong. Costs one pass over the visible part of the tree.
 
 use crate::cut::{Cut, Members, Node, NodeId};
-use brickyard_volume::{BrickIndex, Geometry, Placement, Pyramid, ViewRays};
+use crate::source::BrickSource;
+use brickyard_volume::{BrickIndex, Placement, ViewRays};
 
 /// Cells of a shared tree, back to front, each with the volumes to which it is visible.
 pub(crate) fn back_to_front(
-    pyramid: &Pyramid,
-    geometry: &Geometry,
-    (rays, placement): (&ViewRays, &Placement),
+    source: &dyn BrickSource,
+    rays: &ViewRays,
+    placement: &Placement,
     cut: &Cut,
     visible: impl Fn(&Node) -> Members,
 ) -> Vec<(NodeId, Members)> {
-    let origins = Origins::new(pyramid, geometry, rays, placement);
+    let origins = Origins::new(source, rays, placement);
     let mut cells = Vec::with_capacity(cut.wanted);
     let mut stack = Vec::new();
     let mut siblings: Vec<(i64, NodeId)> = Vec::new();
@@ -46,8 +47,9 @@ pub(crate) fn back_to_front(
 struct Origins(Vec<[Option<i64>; 3]>);
 
 impl Origins {
-    fn new(pyramid: &Pyramid, geometry: &Geometry, rays: &ViewRays, placement: &Placement) -> Self {
-        let eye = geometry.voxel_from_world(placement.volume_from_world(rays.eye)).to_array();
+    fn new(source: &dyn BrickSource, rays: &ViewRays, placement: &Placement) -> Self {
+        let pyramid = source.pyramid();
+        let eye = source.geometry().voxel_from_world(placement.volume_from_world(rays.eye)).to_array();
         let forward = placement.volume_vector(rays.middle()).to_array();
         let levels = pyramid.levels().iter().map(|level| {
             let bricks = level.bricks.to_array();

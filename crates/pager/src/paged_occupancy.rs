@@ -9,16 +9,13 @@
 //!
 //! Costs about 60 ns per look-up, and 8 bytes per brick of the kept pages.
 
-use crate::leave::leave;
+use crate::leave::Threads;
 use crate::source::{BrickError, BrickSource};
-use brickyard_volume::{
-    BrickId, Geometry, Level, Occupancy, OccupancyBins, PAGE_EDGE_BRICKS, PageId, Pyramid, VoxelType,
-};
+use brickyard_volume::{BrickId, Geometry, Level, Occupancy, PAGE_EDGE_BRICKS, PageId, Pyramid, VoxelType};
 use crossbeam_channel::{Receiver, Sender, bounded, unbounded};
 use lru::LruCache;
 use std::num::NonZeroUsize;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::thread::JoinHandle;
 
 /// Source with occupancy read page by page, on demand.
 pub(crate) struct PagedOccupancy {
@@ -68,17 +65,6 @@ pub(crate) fn kept_bytes(source: &dyn BrickSource, host_bytes: u64) -> u64 {
 }
 
 impl PagedOccupancy {
-    /// Starts the reading thread for a source, with nothing read yet. At most `kept_bytes` of pages are kept, or one page if that is more.
-    pub(crate) fn start(source: Arc<dyn BrickSource>, kept_bytes: u64) -> std::io::Result<(Arc<Self>, PageReader)> {
-        let (asked, pages) = unbounded();
-        let capacity = NonZeroUsize::new((kept_bytes / PAGE_BYTES) as usize).unwrap_or(NonZeroUsize::MIN);
-        let kept = LruCache::new(capacity);
-        let pages_kept = Pages { kept, asked: Some(asked), waiting: 0, view: 0, version: 0 };
-        let paged = Arc::new(Self { source, pages: Mutex::new(pages_kept) });
-        let reader = PageReader::start(paged.clone(), pages)?;
-        Ok((paged, reader))
-    }
-
     /// Changes whenever more occupancy becomes known.
     pub(crate) fn version(&self) -> u64 {
         self.lock().version
@@ -152,6 +138,7 @@ impl Pages {
     }
 }
 
+/// A source for cuts: all that only readers of values ask is left at its default.
 impl BrickSource for PagedOccupancy {
     fn pyramid(&self) -> &Pyramid {
         self.source.pyramid()
@@ -165,24 +152,11 @@ impl BrickSource for PagedOccupancy {
     fn value_range(&self) -> (f64, f64) {
         self.source.value_range()
     }
-    fn is_labels(&self) -> bool {
-        self.source.is_labels()
-    }
-    fn has_non_finite(&self) -> bool {
-        self.source.has_non_finite()
-    }
-
-    fn nodata(&self) -> Option<f64> {
-        self.source.nodata()
-    }
     fn times(&self) -> u32 {
         self.source.times()
     }
     fn channels(&self) -> u32 {
         self.source.channels()
-    }
-    fn occupancy_bins(&self, channel: u32) -> OccupancyBins {
-        self.source.occupancy_bins(channel)
     }
 
     /// Occupancy of a brick, or of its nearest ancestor with a page. Never waits.
@@ -199,59 +173,39 @@ impl BrickSource for PagedOccupancy {
         }
     }
 
-    fn read_occupancy(&self, page: PageId) -> Result<Vec<Occupancy>, BrickError> {
-        self.source.read_occupancy(page)
-    }
-    fn keeps_hashes(&self) -> bool {
-        self.source.keeps_hashes()
-    }
-    fn read_hashes(&self, page: PageId) -> Result<Vec<u128>, BrickError> {
-        self.source.read_hashes(page)
-    }
-    fn advise(&self, ids: &[BrickId]) {
-        self.source.advise(ids);
-    }
     fn read_core(&self, id: BrickId, out: &mut [u8]) -> Result<(), BrickError> {
         self.source.read_core(id, out)
-    }
-    fn stored_apron(&self) -> u32 {
-        self.source.stored_apron()
-    }
-    fn read_apron(&self, id: BrickId, out: &mut [u8]) -> Result<(), BrickError> {
-        self.source.read_apron(id, out)
-    }
-    fn bytes_read(&self) -> u64 {
-        self.source.bytes_read()
-    }
-    fn cache_bytes(&self) -> u64 {
-        self.source.cache_bytes()
     }
 }
 
 /// Reader thread of occupancy pages; dropping it ends the thread.
 pub(crate) struct PageReader {
-    occupancy: Arc<PagedOccupancy>,
-    arrivals: Receiver<()>,
-    thread: Option<JoinHandle<()>>,
+    pub(crate) occupancy: Arc<PagedOccupancy>,
+    /// Signals of arrived pages.
+    pub(crate) arrivals: Receiver<()>,
+    _thread: Threads,
 }
 
 impl PageReader {
-    fn start(occupancy: Arc<PagedOccupancy>, asked: Receiver<PageId>) -> std::io::Result<Self> {
+    /// Starts the reading thread for a source, with nothing read yet. At most `kept_bytes` of pages are kept, or one page if that is more.
+    pub(crate) fn start(source: Arc<dyn BrickSource>, kept_bytes: u64) -> std::io::Result<Self> {
+        let (asked, to_read) = unbounded();
+        let capacity = NonZeroUsize::new((kept_bytes / PAGE_BYTES) as usize).unwrap_or(NonZeroUsize::MIN);
+        let kept = LruCache::new(capacity);
+        let pages = Mutex::new(Pages { kept, asked: Some(asked), waiting: 0, view: 0, version: 0 });
+        let occupancy = Arc::new(PagedOccupancy { source, pages });
         let (arrived, arrivals) = bounded(1);
         let reading = occupancy.clone();
         let work = move || {
-            for page in asked {
+            for page in to_read {
                 reading.read(page);
                 // One signal is enough for any number of pages.
                 let _ = arrived.try_send(());
             }
         };
-        let thread = Some(std::thread::Builder::new().name("page-reader".into()).spawn(work)?);
-        Ok(Self { occupancy, arrivals, thread })
-    }
-
-    pub(crate) fn arrivals(&self) -> &Receiver<()> {
-        &self.arrivals
+        let mut thread = Threads::default();
+        thread.start("page-reader".into(), work)?;
+        Ok(Self { occupancy, arrivals, _thread: thread })
     }
 }
 
@@ -262,8 +216,6 @@ impl Drop for PageReader {
         // Keeps the thread from reading the pages left in the channel.
         pages.kept.clear();
         pages.waiting = 0;
-        drop(pages);
-        leave(self.thread.take());
     }
 }
 
@@ -285,7 +237,7 @@ mod tests {
             if !paged.is_waiting() {
                 return answer;
             }
-            let _ = reader.arrivals().recv_timeout(Duration::from_millis(50));
+            let _ = reader.arrivals.recv_timeout(Duration::from_millis(50));
         }
     }
 
@@ -298,23 +250,25 @@ mod tests {
 
     #[test]
     fn ancestors_answer_until_the_page_has_come() {
-        let (paged, reader) = PagedOccupancy::start(Arc::new(row()), 1 << 20).unwrap();
+        let reader = PageReader::start(Arc::new(row()), 1 << 20).unwrap();
+        let paged = &reader.occupancy;
         assert_eq!(paged.occupancy(brick(0, 7)), Occupancy::ALL, "nothing is known yet");
         let version = paged.version();
-        assert_eq!(settled(&paged, &reader, brick(0, 7)), Occupancy::NONE);
+        assert_eq!(settled(paged, &reader, brick(0, 7)), Occupancy::NONE);
         assert!(paged.version() > version);
         // Another page of level 0; its parent's page has arrived.
         assert_eq!(paged.occupancy(brick(0, 300)), Occupancy::ALL);
-        assert_eq!(settled(&paged, &reader, brick(0, 300)), Occupancy::ALL);
+        assert_eq!(settled(paged, &reader, brick(0, 300)), Occupancy::ALL);
     }
 
     #[test]
     fn a_page_that_cannot_be_read_is_answered_for_by_coarser_ones() {
         let mut source = row();
         source.failing_pages = [source.pyramid().page_of(brick(0, 6)).0].into();
-        let (paged, reader) = PagedOccupancy::start(Arc::new(source), 1 << 20).unwrap();
-        assert_eq!(settled(&paged, &reader, brick(0, 6)), Occupancy::NONE, "by brick 3 of level 1");
-        assert_eq!(settled(&paged, &reader, brick(0, 8)), Occupancy::ALL, "by brick 4 of level 1");
+        let reader = PageReader::start(Arc::new(source), 1 << 20).unwrap();
+        let paged = &reader.occupancy;
+        assert_eq!(settled(paged, &reader, brick(0, 6)), Occupancy::NONE, "by brick 3 of level 1");
+        assert_eq!(settled(paged, &reader, brick(0, 8)), Occupancy::ALL, "by brick 4 of level 1");
     }
 
     #[test]
@@ -323,20 +277,22 @@ mod tests {
         source.failing_pages = [source.pyramid().page_of(brick(0, 8)).0].into();
         source.failing_pages_pass = true.into();
         let source = Arc::new(source);
-        let (paged, reader) = PagedOccupancy::start(source.clone(), 1 << 20).unwrap();
-        assert_eq!(settled(&paged, &reader, brick(0, 8)), Occupancy::ALL);
+        let reader = PageReader::start(source.clone(), 1 << 20).unwrap();
+        let paged = &reader.occupancy;
+        assert_eq!(settled(paged, &reader, brick(0, 8)), Occupancy::ALL);
         let version = paged.version();
-        assert_eq!(settled(&paged, &reader, brick(0, 8)), Occupancy::ALL);
+        assert_eq!(settled(paged, &reader, brick(0, 8)), Occupancy::ALL);
         assert_eq!(paged.version(), version, "not again for the same view");
         paged.begin_view();
-        settled(&paged, &reader, brick(0, 8));
+        settled(paged, &reader, brick(0, 8));
         assert!(paged.version() > version);
     }
 
     #[test]
     fn a_view_that_wants_more_pages_than_fit_comes_to_rest() {
         let source = Arc::new(row());
-        let (paged, reader) = PagedOccupancy::start(source.clone(), 8 * PAGE_BYTES).unwrap();
+        let reader = PageReader::start(source.clone(), 8 * PAGE_BYTES).unwrap();
+        let paged = &reader.occupancy;
         for view in 0..3 {
             paged.begin_view();
             let answers = || (0..512).map(|x| paged.occupancy(brick(0, x))).collect::<Vec<_>>();
@@ -345,7 +301,7 @@ mod tests {
                 answers();
                 paged.is_waiting()
             } {
-                let _ = reader.arrivals().recv_timeout(Duration::from_millis(50));
+                let _ = reader.arrivals.recv_timeout(Duration::from_millis(50));
                 assert!(std::time::Instant::now() < deadline, "view {view} does not come to rest");
             }
             let version = paged.version();

@@ -1,7 +1,7 @@
 //! A paged volume: its RAM cache with the workers that fill it, its visibility feedback, and its last draw list.
 
 use crate::budget::{BufferSizes, HostSplit, Meter, PagerConfig, PagerError, Planning, split_host};
-use crate::cut::{Cut, NodeId, View, roots};
+use crate::cut::{Cut, NodeId, View};
 use crate::draw_list::DrawList;
 use crate::goal::Goal;
 use crate::layout::Layout;
@@ -23,12 +23,10 @@ use std::sync::Arc;
 /// A paged volume: source, RAM cache, workers, and the bricks of its last frame.
 pub(crate) struct PagedVolume {
     pub(crate) source: Arc<dyn BrickSource>,
-    /// Bytes read by the source before.
-    bytes_read_before: u64,
     cache: Arc<RamCache>,
     workers: Workers,
     /// Occupancy for a planner that must not wait; `None` for inline planning.
-    occupancy: Option<(Arc<PagedOccupancy>, PageReader)>,
+    occupancy: Option<PageReader>,
     /// View of the last frame.
     view: Option<View>,
     /// Reported visibility of the volume's cells, and its version; `None` without reports.
@@ -39,8 +37,6 @@ pub(crate) struct PagedVolume {
     drawn: Arc<Vec<BrickId>>,
     /// Version of the visibility used by the last frame.
     gone_by: u64,
-    /// Coarsest bricks of the last view's time and channel, pinned.
-    roots: Vec<BrickId>,
     /// Uploads of the last frame: host memory until the next call.
     handed_out: Vec<Arc<[u8]>>,
 }
@@ -79,29 +75,30 @@ impl PagedVolume {
     /// has cores from earlier reads.
     ///
     /// # Errors
-    /// If the share cannot feed one worker, or no thread can be started.
+    /// If the share cannot feed one worker, the apron or the gradients do not fit the bricks, or no thread can be started.
     pub(crate) fn start(
         source: &Arc<dyn BrickSource>,
-        (layout, contents): (Layout, SlotContents),
+        contents: &SlotContents,
         host_bytes: u64,
-        (config, meter, held): (&PagerConfig, &Arc<Meter>, &Arc<SlotsByContent>),
+        config: &PagerConfig,
+        meter: &Arc<Meter>,
+        held: &Arc<SlotsByContent>,
         kept: Option<KeptCores>,
     ) -> Result<Self, PagerError> {
+        let layout = Layout::new(&**source, config.apron, config.gradient_layers, contents)?;
         let sizes = buffer_sizes(&**source, &layout, config.planning, host_bytes);
         let HostSplit { workers, staged, cores } = split_host(host_bytes, config.workers, sizes)?;
         meter.charge(sizes.fixed + workers as u64 * sizes.scratch);
         let cache =
-            RamCache::with_meter(source.clone(), (layout, contents), (cores, config.keeps_decoded), meter.clone());
+            RamCache::with_meter(source.clone(), layout, contents.clone(), cores, config.keeps_decoded, meter.clone());
         let cache = Arc::new(cache.comparing(kept_hash_bytes(&**source, host_bytes)));
         kept.into_iter().for_each(|kept| cache.adopt(kept));
-        let workers = Workers::start(&cache, workers, staged, (meter.clone(), held.clone()))?;
-        let paged = |kept_bytes| PagedOccupancy::start(source.clone(), kept_bytes);
+        let workers = Workers::start(&cache, workers, staged, meter.clone(), held.clone())?;
         let occupancy = match config.planning {
             Planning::Inline => None,
-            Planning::Thread => Some(paged(kept_bytes(&**source, host_bytes))?),
+            Planning::Thread => Some(PageReader::start(source.clone(), kept_bytes(&**source, host_bytes))?),
         };
         Ok(Self {
-            bytes_read_before: source.bytes_read(),
             source: source.clone(),
             cache,
             workers,
@@ -111,7 +108,6 @@ impl PagedVolume {
             confirmed: 0,
             drawn: Arc::default(),
             gone_by: 0,
-            roots: Vec::new(),
             handed_out: Vec::new(),
         })
     }
@@ -124,7 +120,7 @@ impl PagedVolume {
 
     /// Source for making cuts: the volume's own, or one with known occupancy that never waits.
     pub(crate) fn planned_source(&self) -> Arc<dyn BrickSource> {
-        self.occupancy.as_ref().map_or_else(|| self.source.clone(), |(occupancy, _)| occupancy.clone())
+        self.occupancy.as_ref().map_or_else(|| self.source.clone(), |reader| reader.occupancy.clone())
     }
 
     /// Checks that the source has a view's time step and channel.
@@ -148,33 +144,29 @@ impl PagedVolume {
         while let Some(arrival) = self.workers.try_receive() {
             residency.arrive(number, arrival);
         }
-        let last = self.view.as_ref();
-        if last.is_none_or(|last| (last.time, last.channel) != (view.time, view.channel)) {
-            self.roots = roots(&*self.source, view.time, view.channel);
-        }
-        if last != Some(view) {
+        if self.view.as_ref() != Some(view) {
             if !is_playing {
                 residency.forget_failures(number, &self.cache.renew_failures());
             }
             self.confirmed = 0;
-            self.occupancy.iter().for_each(|(occupancy, _)| occupancy.begin_view());
+            self.occupancy.iter().for_each(|reader| reader.occupancy.begin_view());
             self.view = Some(view.clone());
         }
     }
 
     /// Version of the known occupancy of the volume's bricks.
     pub(crate) fn occupancy_version(&self) -> u64 {
-        self.occupancy.as_ref().map_or(0, |(occupancy, _)| occupancy.version())
+        self.occupancy.as_ref().map_or(0, |reader| reader.occupancy.version())
     }
 
     /// Whether this occupancy version is the newest, with no page in flight.
     pub(crate) fn knows_since(&self, version: u64) -> bool {
         let knows = |occupancy: &PagedOccupancy| !occupancy.is_waiting() && occupancy.version() == version;
-        self.occupancy.as_ref().is_none_or(|(occupancy, _)| knows(occupancy))
+        self.occupancy.as_ref().is_none_or(|reader| knows(&reader.occupancy))
     }
 
     pub(crate) fn wants<'a>(&'a self, cut: &'a Cut, sight: &'a VisibleCells) -> Wants<'a> {
-        Wants { goal: Goal { pyramid: self.source.pyramid(), cut, roots: &self.roots }, sight }
+        Wants { goal: Goal { pyramid: self.source.pyramid(), cut }, sight }
     }
 
     /// Records the cells of the frame's draw lists, for feedback.
@@ -278,33 +270,31 @@ impl PagedVolume {
     }
 
     pub(crate) fn is_busy(&self) -> bool {
-        self.workers.is_busy() || self.occupancy.as_ref().is_some_and(|(occupancy, _)| occupancy.is_waiting())
+        self.workers.is_busy() || self.occupancy.as_ref().is_some_and(|reader| reader.occupancy.is_waiting())
     }
 
     /// Whether a brick or a page of occupancy waits for a frame.
     pub(crate) fn has_arrivals(&self) -> bool {
-        self.take_sign() || self.workers.arrivals().is_some_and(|arrivals| !arrivals.is_empty())
+        self.take_sign() || !self.workers.arrivals.is_empty()
     }
 
     /// Adds the channels of bricks and pages to `select`.
     pub(crate) fn select<'a>(&'a self, select: &mut Select<'a>) {
-        if let Some((_, reader)) = &self.occupancy {
-            select.recv(reader.arrivals());
+        if let Some(reader) = &self.occupancy {
+            select.recv(&reader.arrivals);
         }
-        self.workers.arrivals().map(|arrivals| select.recv(arrivals));
+        select.recv(&self.workers.arrivals);
     }
 
     /// Takes the signal of arrived occupancy pages. Returns whether there was one.
     pub(crate) fn take_sign(&self) -> bool {
-        self.occupancy.as_ref().is_some_and(|(_, reader)| reader.arrivals().try_recv().is_ok())
+        self.occupancy.as_ref().is_some_and(|reader| reader.arrivals.try_recv().is_ok())
     }
 
     /// Decoding totals since the start. Bytes read are 0 unless `counts_reads`.
     pub(crate) fn counters(&self, counts_reads: bool) -> Counters {
-        let decoded = self.cache.counters();
-        let bytes_read = if counts_reads { self.source.bytes_read() - self.bytes_read_before } else { 0 };
-        let (bytes_decoded, failed) = (decoded.bytes_decoded, decoded.failed);
-        Counters { decoded: decoded.decoded, bytes_read, bytes_decoded, failed, ..Counters::default() }
+        let totals = self.cache.totals();
+        Counters { bytes_read: if counts_reads { totals.bytes_read } else { 0 }, ..totals }
     }
 }
 

@@ -6,7 +6,7 @@
 
 use crate::budget::{BufferSizes, Meter, PagerConfig, PagerError, Planning, TABLE_BYTES_PER_SLOT, least_host};
 use crate::clock::MOST_COMING;
-use crate::cut::{Cut, View, roots};
+use crate::cut::{Cut, View};
 use crate::draw_list::DrawList;
 use crate::goal::Goal;
 use crate::layers::{BudgetRequest, share};
@@ -14,15 +14,14 @@ use crate::layout::Layout;
 use crate::motion::Motion;
 use crate::paged_volume::{DrawnCells, PagedVolume, Seen, buffer_sizes};
 use crate::planner::{Job, Outlook, Planner};
-use crate::ram_cache::{KeptCores, layout_of};
+use crate::ram_cache::KeptCores;
 use crate::residency::{Ahead, Residency, Step, Upload, UploadLimit, VolumeStep};
 use crate::sameness::SlotsByContent;
 use crate::slot_contents::SlotContents;
 use crate::source::BrickSource;
-use crate::status::{Counters, Readiness, Status};
+use crate::status::{Readiness, Status};
 use crate::upload_budget::Governor;
 use crate::visible_cells::VisibleCells;
-use brickyard_volume::BrickId;
 use crossbeam_channel::Select;
 use std::sync::Arc;
 use std::time::Duration;
@@ -119,7 +118,7 @@ impl Pager {
         kept: &mut Vec<KeptCores>,
     ) -> Result<Self, PagerError> {
         let layout = |(source, contents): (&Arc<dyn BrickSource>, _)| {
-            layout_of(&**source, config.apron, config.gradient_layers, contents)
+            Layout::new(&**source, config.apron, config.gradient_layers, contents)
         };
         let layouts = sources.iter().zip(config.contents_of_all()).map(layout);
         let layouts = layouts.collect::<Result<Vec<Layout>, _>>()?;
@@ -139,12 +138,12 @@ impl Pager {
             }
         };
         meter.charge(tables.min(given));
-        let layouts = layouts.into_iter().zip(config.contents_of_all().cloned());
         let held: Vec<Arc<SlotsByContent>> = sources.iter().map(|_| Arc::default()).collect();
         let shares = shares.into_iter().zip(&held);
-        let volumes = sources.iter().zip(layouts).zip(shares).map(|((source, layout), (host_bytes, held))| {
+        let volumes = sources.iter().zip(config.contents_of_all()).zip(shares);
+        let volumes = volumes.map(|((source, contents), (host_bytes, held))| {
             let own = kept.iter().position(|cores: &KeptCores| cores.is_of(source)).map(|i| kept.remove(i));
-            let started = PagedVolume::start(source, layout, host_bytes, (&config, &meter, held), own);
+            let started = PagedVolume::start(source, contents, host_bytes, &config, &meter, held, own);
             started.map_err(|error| match error {
                 PagerError::HostMemory { least, .. } => PagerError::HostMemory { given, least: least + tables },
                 other => other,
@@ -202,9 +201,7 @@ impl Pager {
             ahead: self.config.prefetch.then(|| self.motion.foresee(FETCH_TIME)),
             occupancy: occupancy.clone(),
         });
-        let coming_roots: Vec<_> = self.coming.iter().map(|views| roots_of(&self.volumes, views)).collect();
-        let coming = self.coming.iter().zip(&coming_roots);
-        let coming: Vec<_> = coming.map(|(views, roots)| goals(&self.volumes, &outlook, views, roots)).collect();
+        let coming: Vec<_> = self.coming.iter().map(|views| goals(&self.volumes, &outlook, views)).collect();
         let cuts = outlook.cuts.clone();
         let sights = match self.last.take() {
             Some(last) if last.is_of(views, &cuts) => last.sights,
@@ -350,15 +347,7 @@ impl Pager {
         // A complete frame's feedback must confirm the reported visibility.
         let is_confirmed = self.volumes.iter().all(PagedVolume::is_confirmed);
         let covered = seen.iter().all(|seen| seen.is_covered);
-        let residency = &self.residency;
-        let mut counters = Counters {
-            uploaded: residency.uploaded,
-            reuploaded: residency.reuploaded,
-            uploaded_ahead: residency.uploaded_ahead,
-            bytes_uploaded: residency.bytes_uploaded,
-            shared: residency.shared,
-            ..Counters::default()
-        };
+        let mut counters = self.residency.counters;
         for (i, volume) in self.volumes.iter().enumerate() {
             // Layers of one store read from one source, which counts for all of them.
             let is_first = !self.volumes[..i].iter().any(|before| Arc::ptr_eq(&before.source, &volume.source));
@@ -392,25 +381,10 @@ fn planner(volumes: &[PagedVolume], config: &PagerConfig) -> std::io::Result<Pla
     Planner::new(&planned_sources(volumes), config.slots, config.planning)
 }
 
-fn roots_of(volumes: &[PagedVolume], views: &[View]) -> Vec<Vec<BrickId>> {
-    let of_volume = |(volume, view): (&PagedVolume, &View)| roots(&*volume.source, view.time, view.channel);
-    volumes.iter().zip(views).map(of_volume).collect()
-}
-
 /// Goals of coming views for each volume; empty while their cuts are not made.
-fn goals<'a>(
-    volumes: &'a [PagedVolume],
-    outlook: &'a Outlook,
-    views: &[View],
-    roots: &'a [Vec<BrickId>],
-) -> Vec<Goal<'a>> {
+fn goals<'a>(volumes: &'a [PagedVolume], outlook: &'a Outlook, views: &[View]) -> Vec<Goal<'a>> {
     let cuts = outlook.coming(views).unwrap_or_default();
-    let goal = |((volume, cut), roots): ((&'a PagedVolume, &'a Arc<Cut>), &'a Vec<BrickId>)| Goal {
-        pyramid: volume.source.pyramid(),
-        cut,
-        roots,
-    };
-    volumes.iter().zip(cuts).zip(roots).map(goal).collect()
+    volumes.iter().zip(cuts).map(|(volume, cut)| Goal { pyramid: volume.source.pyramid(), cut }).collect()
 }
 
 fn planned_sources(volumes: &[PagedVolume]) -> Vec<Arc<dyn BrickSource>> {
@@ -423,7 +397,7 @@ fn volume_request(
     contents: &SlotContents,
     config: &PagerConfig,
 ) -> Result<BudgetRequest, PagerError> {
-    let layout = layout_of(source, config.apron, config.gradient_layers, contents)?;
+    let layout = Layout::new(source, config.apron, config.gradient_layers, contents)?;
     let sizes = buffer_sizes(source, &layout, config.planning, config.host_bytes);
     let BufferSizes { fixed, scratch, core, padded } = sizes;
     let workers = config.workers.max(1) as u64;

@@ -15,7 +15,7 @@
 //! Hilbert curve, so that neighbours, which lend each other aprons, are decoded soon after one another.
 
 use crate::cut::{Cut, NodeId};
-use crate::goal::VolumeBrick;
+use crate::goal::{Goal, VolumeBrick};
 use crate::tier::Tier;
 use crate::visibility;
 use brickyard_volume::{BrickId, BrickIndex, Pyramid};
@@ -32,27 +32,13 @@ pub(crate) enum State {
 /// A brick's place in the order of reading: least keys first.
 pub(crate) type Key = (Tier, Reverse<u8>, Reverse<i32>, u128);
 
-/// A brick of a volume to read for its view.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Request {
-    tier: Tier,
-    pub(crate) id: BrickId,
-    error_px: f64,
-}
-
-impl Request {
-    pub(crate) fn key(&self, pyramid: &Pyramid) -> Key {
-        key(pyramid, self.tier, self.id, self.error_px)
-    }
-}
-
-/// Bricks to read for a volume's view, in no order.
+/// Bricks to read for a volume's view, in no order, with their keys.
 pub(crate) fn requests(
-    cut: &Cut,
-    roots: &[BrickId],
+    goal: &Goal<'_>,
     state_of: impl Fn(NodeId) -> State,
     state_of_root: impl Fn(BrickId) -> State,
-) -> Vec<Request> {
+) -> Vec<(Key, BrickId)> {
+    let cut = goal.cut;
     let mut wanted = vec![None; cut.nodes.len()];
     for cell in cut.wanted_cells() {
         let state = state_of(cell);
@@ -63,14 +49,14 @@ pub(crate) fn requests(
         }
         want_cover(cut, &state_of, cell, state, &mut wanted);
     }
-    let absent_roots = roots.iter().filter(|&&root| state_of_root(root) == State::Absent);
-    let of_root = |&root: &BrickId| Request { tier: Tier::Cover, id: root, error_px: f64::INFINITY };
-    let mut requests: Vec<Request> = absent_roots.map(of_root).collect();
+    let absent_roots = goal.roots().filter(|&root| state_of_root(root) == State::Absent);
+    let keyed = |tier, id, error_px| (key(goal.pyramid, tier, id, error_px), id);
+    let mut requests: Vec<_> = absent_roots.map(|root| keyed(Tier::Cover, root, f64::INFINITY)).collect();
     // The roots come first in the arena.
     for (node, tier) in cut.ids().zip(&wanted).skip(cut.roots) {
         if let &Some(tier) = tier {
             let error_px = cut[node].error_px * visibility::factor(cut[node].weight);
-            requests.push(Request { tier, id: cut.id(node), error_px });
+            requests.push(keyed(tier, cut.id(node), error_px));
         }
     }
     requests

@@ -13,18 +13,17 @@
 use crate::budget::Planning;
 use crate::cut::{Cut, Node, View, cut_capacity};
 use crate::goal::VolumeBrick;
-use crate::leave::leave;
+use crate::leave::Threads;
 use crate::plan::{self, Key};
 use crate::source::BrickSource;
 use crate::split::{self, Subject};
 use crate::tier::Tier;
 use crate::visibility::Visibility;
 use brickyard_volume::{BrickId, BrickIndex, ViewRays};
-use crossbeam_channel::{Receiver, Sender, bounded};
+use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, bounded};
 use glam::DVec3;
 use rustc_hash::FxHashSet;
 use std::sync::Arc;
-use std::thread::JoinHandle;
 use std::time::Duration;
 
 /// Longest wait of a frame for its own view's cut.
@@ -69,8 +68,10 @@ pub(crate) struct Outlook {
     pub(crate) coming: Arc<[Vec<Arc<Cut>>]>,
     /// Bricks to prefetch, the most urgent first.
     pub(crate) ahead: Arc<[(Tier, VolumeBrick)]>,
+    /// Number of the answered request; 0 for a guess.
+    number: u64,
     /// Whether `coming` and `ahead` belong to this job; if not, its own follow with the same cuts.
-    pub(crate) is_whole: bool,
+    is_whole: bool,
 }
 
 impl Outlook {
@@ -117,15 +118,12 @@ impl Desk {
         cuts
     }
 
-    /// Cuts of a job's own views, or of views near them.
+    /// Cuts of a job's own views, of views near them, or of its coming ones.
     fn cuts_for(&self, views: &[View], job: &Job, last: &[Arc<Cut>]) -> Vec<Arc<Cut>> {
-        self.cuts_of(&subjects(&self.sources, views, &job.visibility), !job.coming.is_empty(), last)
-    }
-
-    fn cuts_of(&self, subjects: &[Subject<'_>], has_coming: bool, last: &[Arc<Cut>]) -> Vec<Arc<Cut>> {
-        let slots = if has_coming { self.slots / 2 } else { self.slots };
+        let slots = if job.coming.is_empty() { self.slots } else { self.slots / 2 };
         let last: Vec<&Cut> = last.iter().map(|cut| &**cut).collect();
-        let cuts = split::cuts(subjects, cut_capacity(slots as u32, self.roots), &last);
+        let subjects = subjects(&self.sources, views, &job.visibility);
+        let cuts = split::cuts(&subjects, cut_capacity(slots as u32, self.roots), &last);
         cuts.into_iter().map(Arc::new).collect()
     }
 
@@ -133,6 +131,13 @@ impl Desk {
     fn last_for(&self, views: &[View]) -> &[Arc<Cut>] {
         let known = self.coming.iter().find(|cuts| self.is_incremental && are_of_times(cuts, views));
         known.map_or(&self.last, |cuts| cuts)
+    }
+
+    /// The plan for a job with these cuts of its own views.
+    fn outlook(&mut self, number: u64, job: &Job, cuts: Vec<Arc<Cut>>) -> Outlook {
+        self.make_coming(job);
+        let ahead = self.look_ahead(job, &cuts);
+        Outlook { cuts, coming: self.coming.clone(), ahead, number, is_whole: true }
     }
 
     /// Makes the cuts of the coming views, until their wanted cells fill the slots. Visibility in the present step hides nothing in later
@@ -145,7 +150,7 @@ impl Desk {
         for views in job.coming.iter() {
             let cuts = match self.coming.iter().find(|cuts| is_same(cuts, views)) {
                 Some(cuts) => cuts.clone(),
-                None => self.cuts_of(&subjects(&self.sources, views, &job.visibility), true, self.last_for(views)),
+                None => self.cuts_for(views, job, self.last_for(views)),
             };
             let wanted: usize = cuts.iter().map(|cut| cut.wanted()).sum();
             if wanted > room && !coming.is_empty() {
@@ -213,11 +218,10 @@ fn ring(source: &dyn BrickSource, cut: &Cut) -> Vec<(BrickId, f64)> {
             let away = DVec3::AXES[axis] * size * side as f64;
             // A neighbour at the volume's end may be smaller than the cell, and this box slightly too large.
             let (low, high) = (low + away, high + away);
-            if bricks.contains(beside) && cut.view.is_inside_clip(low, high) && !frusta.meet_box(low, high) {
-                let id = cut.view.id(level, BrickIndex::from_array(beside));
-                if cut.view.shows(source, id, (low, high)) {
-                    ring.push((id, error_px));
-                }
+            let id = cut.view.id(level, BrickIndex::from_array(beside));
+            let is_outside = bricks.contains(beside) && !frusta.meet_box(low, high);
+            if is_outside && cut.view.shows(source, id, (low, high)) {
+                ring.push((id, error_px));
             }
         }
     }
@@ -229,8 +233,7 @@ pub(crate) struct Planner {
     /// The last request and its number.
     asked: Option<Job>,
     number: u64,
-    /// The newest outlook, and the number of its request.
-    newest: Option<(u64, Outlook)>,
+    newest: Option<Outlook>,
     place: Place,
 }
 
@@ -259,30 +262,28 @@ impl Planner {
             match &mut self.place {
                 Place::Inline(desk) => {
                     let cuts = desk.cuts(&job);
-                    desk.make_coming(&job);
-                    let (coming, ahead) = (desk.coming.clone(), desk.look_ahead(&job, &cuts));
-                    self.newest = Some((self.number, Outlook { cuts, coming, ahead, is_whole: true }));
+                    self.newest = Some(desk.outlook(self.number, &job, cuts));
                 }
                 Place::Thread(thread) => {
                     thread.ask(self.number, job.clone());
                     self.newest = thread.newest(PATIENCE).or(self.newest.take());
                     // Cells of one grid have one order only in cuts made together, so wait for those.
                     let subjects = subjects(&self.sources, &job.views, &[]);
-                    while self.newest.as_ref().is_some_and(|(_, newest)| !split::share_trees(&subjects, &newest.cuts)) {
+                    while self.newest.as_ref().is_some_and(|newest| !split::share_trees(&subjects, &newest.cuts)) {
                         self.newest = thread.newest(PATIENCE).or(self.newest.take());
                     }
                 }
             }
             self.asked = Some(job.clone());
         }
-        let guess = |cuts, coming| (0, Outlook { cuts, coming, ahead: [].into(), is_whole: false });
+        let guess = |cuts, coming| Outlook { cuts, coming, ahead: [].into(), number: 0, is_whole: false };
         let newest = match self.newest.take() {
             // Before the first: the coarsest level.
             None => {
                 let cuts = split::cuts(&subjects(&self.sources, &job.views, &job.visibility), 0, &[]);
                 guess(cuts.into_iter().map(Arc::new).collect(), [].into())
             }
-            Some((_, newest)) if !are_of_times(&newest.cuts, &job.views) => {
+            Some(newest) if !are_of_times(&newest.cuts, &job.views) => {
                 let cuts = match newest.coming(&job.views) {
                     Some(cuts) => cuts.to_vec(),
                     None => split::recut(&newest.cuts, &self.sources, &job.views),
@@ -291,17 +292,17 @@ impl Planner {
             }
             Some(newest) => newest,
         };
-        self.newest.insert(newest).1.clone()
+        self.newest.insert(newest).clone()
     }
 
     /// Whether the newest outlook answers the last request.
     pub(crate) fn is_done(&self) -> bool {
-        self.newest.as_ref().is_some_and(|(number, _)| *number == self.number)
+        self.newest.as_ref().is_some_and(|newest| newest.number == self.number)
     }
 
     /// Channel of the next outlook, if one is on its way.
-    pub(crate) fn awaited(&self) -> Option<&Receiver<(u64, Outlook)>> {
-        let is_whole = self.newest.as_ref().is_some_and(|(_, newest)| newest.is_whole);
+    pub(crate) fn awaited(&self) -> Option<&Receiver<Outlook>> {
+        let is_whole = self.newest.as_ref().is_some_and(|newest| newest.is_whole);
         match &self.place {
             Place::Thread(thread) if !(self.is_done() && is_whole) => Some(&thread.outlooks),
             _ => None,
@@ -310,12 +311,11 @@ impl Planner {
 }
 
 struct PlannerThread {
-    /// `None` only while dropping.
-    jobs: Option<Sender<(u64, Job)>>,
+    jobs: Sender<(u64, Job)>,
     /// The other end, for taking back jobs.
     untaken: Receiver<(u64, Job)>,
-    outlooks: Receiver<(u64, Outlook)>,
-    thread: Option<JoinHandle<()>>,
+    outlooks: Receiver<Outlook>,
+    _thread: Threads,
 }
 
 impl PlannerThread {
@@ -324,50 +324,40 @@ impl PlannerThread {
         let (finished, outlooks) = bounded(1);
         let (inbox, unseen) = (untaken.clone(), outlooks.clone());
         let work = move || {
-            let finish = |number, outlook: Outlook| {
+            let finish = |outlook: Outlook| {
                 while unseen.try_recv().is_ok() {}
-                finished.send((number, outlook)).is_ok()
+                finished.send(outlook).is_ok()
             };
             let mut ahead: Arc<[_]> = [].into();
             for (number, job) in inbox {
                 // A frame may be waiting for the cuts.
                 let cuts = desk.cuts(&job);
                 let coming = desk.coming.clone();
-                let mut goes_on = finish(number, Outlook { cuts: cuts.clone(), coming, ahead, is_whole: false });
-                desk.make_coming(&job);
-                ahead = desk.look_ahead(&job, &cuts);
-                let (coming, ahead) = (desk.coming.clone(), ahead.clone());
-                goes_on = goes_on && finish(number, Outlook { cuts, coming, ahead, is_whole: true });
-                if !goes_on {
+                let is_heard = finish(Outlook { cuts: cuts.clone(), coming, ahead, number, is_whole: false });
+                let outlook = desk.outlook(number, &job, cuts);
+                ahead = outlook.ahead.clone();
+                if !is_heard || !finish(outlook) {
                     return;
                 }
             }
         };
-        let thread = Some(std::thread::Builder::new().name("planner".into()).spawn(work)?);
-        Ok(Self { jobs: Some(jobs), untaken, outlooks, thread })
+        let mut thread = Threads::default();
+        thread.start("planner".into(), work)?;
+        Ok(Self { jobs, untaken, outlooks, _thread: thread })
     }
 
     fn ask(&self, number: u64, job: Job) {
         while self.untaken.try_recv().is_ok() {}
-        if let Some(jobs) = &self.jobs {
-            // The planner holds the other end for life; `newest` reports its death.
-            let _ = jobs.try_send((number, job));
-        }
+        // The planner holds the other end for life; `newest` reports its death.
+        let _ = self.jobs.try_send((number, job));
     }
 
     /// The newest untaken outlook, or the next one within `patience`.
-    fn newest(&self, patience: Duration) -> Option<(u64, Outlook)> {
+    fn newest(&self, patience: Duration) -> Option<Outlook> {
         match self.outlooks.recv_timeout(patience) {
             Ok(outlook) => Some(outlook),
-            Err(_) if self.thread.as_ref().is_none_or(JoinHandle::is_finished) => panic!("the planner has panicked"),
-            Err(_) => None,
+            Err(RecvTimeoutError::Timeout) => None,
+            Err(RecvTimeoutError::Disconnected) => panic!("the planner has panicked"),
         }
-    }
-}
-
-impl Drop for PlannerThread {
-    fn drop(&mut self) {
-        self.jobs = None;
-        leave(self.thread.take());
     }
 }

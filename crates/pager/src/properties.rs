@@ -476,9 +476,8 @@ struct Wanted<'a> {
     roots: Vec<BrickId>,
 }
 
-fn goals<'a>(sources: &'a [TestSource], cuts: &'a [Cut], roots: &'a [Vec<BrickId>]) -> Vec<Goal<'a>> {
-    let all = sources.iter().zip(cuts).zip(roots);
-    all.map(|((source, cut), roots)| Goal { pyramid: source.pyramid(), cut, roots }).collect()
+fn goals<'a>(sources: &'a [TestSource], cuts: &'a [Cut]) -> Vec<Goal<'a>> {
+    sources.iter().zip(cuts).map(|(source, cut)| Goal { pyramid: source.pyramid(), cut }).collect()
 }
 
 impl Bench<'_> {
@@ -498,10 +497,7 @@ impl Bench<'_> {
         let all: Vec<Wants<'_>> = wanted
             .iter()
             .zip(self.sources)
-            .map(|(Wanted { cut, sight, roots }, source)| Wants {
-                goal: Goal { pyramid: source.pyramid(), cut, roots },
-                sight,
-            })
+            .map(|(Wanted { cut, sight, .. }, source)| Wants { goal: Goal { pyramid: source.pyramid(), cut }, sight })
             .collect();
         let before: HashSet<VolumeBrick> = self.atlas.values().copied().collect();
         self.now += Duration::from_millis(self.dice.next() % 60);
@@ -510,9 +506,7 @@ impl Bench<'_> {
         let room_bytes = self.dice.next().is_multiple_of(4).then_some(room);
         self.has_room = room_bytes.is_none_or(|room| room >= PADDED);
         let (limit, now) = (UploadLimit { goal_bytes: self.upload_bytes, room_bytes }, self.now);
-        let coming_roots: Vec<Vec<Vec<BrickId>>> = self.coming.iter().map(|cuts| self.roots(cuts)).collect();
-        let coming = self.coming.iter().zip(&coming_roots).map(|(cuts, roots)| goals(self.sources, cuts, roots));
-        let coming: Vec<Vec<Goal<'_>>> = coming.collect();
+        let coming: Vec<Vec<Goal<'_>>> = self.coming.iter().map(|cuts| goals(self.sources, cuts)).collect();
         let ahead_of_all = Ahead { coming: &coming, listed: &ahead };
         // This twin searches the coming steps' bricks anew; the other one has kept the result.
         self.twins[1].steps_ahead.clear();
@@ -574,7 +568,8 @@ impl Bench<'_> {
                 failing || self.twins[0].is_resident(brick)
             };
             let of_volume = |(volume, goal): (usize, &Goal<'_>)| {
-                let all = goal.roots.iter().copied().chain(goal.cut.cells());
+                let sought = &self.sources[volume];
+                let all = roots(sought, goal.cut.view.time, 0).into_iter().chain(goal.cut.cells());
                 all.map(|id| VolumeBrick { volume, id }).collect::<Vec<_>>()
             };
             let all: Vec<VolumeBrick> = goals.iter().enumerate().flat_map(of_volume).collect();

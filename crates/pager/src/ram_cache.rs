@@ -19,20 +19,21 @@ use crate::neighbourhood::Part;
 use crate::retry::{Failure, Failures};
 use crate::sameness::{Content, CoreHashes, CoreKey};
 use crate::slot_contents::SlotContents;
-use crate::source::{BrickError, BrickSource};
-use brickyard_volume::sampling::MAX_REACH;
-use brickyard_volume::{BrickId, GradientNodes};
+use crate::source::{BrickError, BrickSource, caught};
+use crate::status::Counters;
+use brickyard_volume::BrickId;
 use rustc_hash::FxHashSet;
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 /// Host-memory cache of one source's decoded bricks.
 pub struct RamCache {
     source: Arc<dyn BrickSource>,
-    layout: Layout,
+    /// Bytes read by the source before.
+    bytes_read_before: u64,
+    pub(crate) layout: Layout,
     /// Contents of the padded bricks' slots.
-    contents: SlotContents,
+    pub(crate) contents: SlotContents,
     /// Hashes for finding equal cores of several time steps; `None` if not compared.
     hashes: Option<CoreHashes>,
     inner: Mutex<Inner>,
@@ -102,13 +103,13 @@ impl RamCache {
     /// # Errors
     /// If not even one core fits, or the apron does not fit the bricks (see [`PagerError::Apron`]).
     pub fn new(source: Arc<dyn BrickSource>, apron: u32, bytes: u64) -> Result<Self, PagerError> {
-        let layout = layout_of(&*source, apron, 0, &SlotContents::Codes)?;
+        let layout = Layout::new(&*source, apron, 0, &SlotContents::Codes)?;
         let core = layout.cached_bytes() as u64;
         match bytes / core {
             0 => Err(PagerError::HostMemory { given: bytes, least: core }),
             cores => {
                 let meter = Arc::new(Meter::new(bytes));
-                Ok(Self::with_meter(source, (layout, SlotContents::Codes), (cores as usize, true), meter))
+                Ok(Self::with_meter(source, layout, SlotContents::Codes, cores as usize, true, meter))
             }
         }
     }
@@ -116,20 +117,23 @@ impl RamCache {
     /// Creates a cache for `cores` cores of padded bricks; `keeps_done` retains finished ones while there is room.
     pub(crate) fn with_meter(
         source: Arc<dyn BrickSource>,
-        (layout, contents): (Layout, SlotContents),
-        (cores, keeps_done): (usize, bool),
+        layout: Layout,
+        contents: SlotContents,
+        cores: usize,
+        keeps_done: bool,
         meter: Arc<Meter>,
     ) -> Self {
         let inner = Inner {
-            cores: Shelf::new(layout.entry_bytes(), (cores, keeps_done), meter.clone()),
-            shells: Shelf::new(layout.shell_bytes(), (layout.shells(cores), keeps_done), meter),
+            cores: Shelf::new(layout.entry_bytes(), cores, keeps_done, meter.clone()),
+            shells: Shelf::new(layout.shell_bytes(), layout.shells(cores), keeps_done, meter),
             failures: Failures::default(),
             failed_aprons: FxHashSet::default(),
             has_shells: !layout.has_stored(),
             making: FxHashSet::default(),
             counters: DecodeCounters::default(),
         };
-        Self { source, layout, contents, hashes: None, inner: Mutex::new(inner), made: Condvar::new() }
+        let (bytes_read_before, inner) = (source.bytes_read(), Mutex::new(inner));
+        Self { source, bytes_read_before, layout, contents, hashes: None, inner, made: Condvar::new() }
     }
 
     /// Keeps cores that several time steps share once, with at most `kept_bytes` of hash pages.
@@ -145,7 +149,7 @@ impl RamCache {
     /// Cache key of a core. A stored apron belongs to the core, but consists of the neighbours' voxels.
     fn key(&self, id: BrickId) -> CoreKey {
         let hash = self.hashes.as_ref().and_then(|hashes| match self.layout.has_stored() {
-            true => hashes.of_padded(id).map(|content| content.hash()),
+            true => hashes.of_padded(id).map(|content| content.hash),
             false => hashes.of_core(id),
         });
         CoreKey::new(id, hash)
@@ -162,7 +166,7 @@ impl RamCache {
     /// Takes over another cache's cores, the most recently used as far as there is room. Drops the others, and all cores of another source
     /// or with other stored aprons.
     pub(crate) fn adopt(&self, kept: KeptCores) {
-        if !kept.is_for(&self.source, &self.layout) {
+        if !kept.is_of(&self.source) || kept.stored_apron != self.layout.stored {
             return;
         }
         let mut inner = self.lock();
@@ -182,12 +186,11 @@ impl RamCache {
         self.lock().counters
     }
 
-    pub(crate) fn layout(&self) -> Layout {
-        self.layout
-    }
-
-    pub(crate) fn contents(&self) -> &SlotContents {
-        &self.contents
+    /// Totals since the cache's creation, with the bytes read by its source for anybody.
+    pub(crate) fn totals(&self) -> Counters {
+        let DecodeCounters { decoded, bytes_decoded, failed } = self.counters();
+        let bytes_read = self.source.bytes_read() - self.bytes_read_before;
+        Counters { decoded, bytes_read, bytes_decoded, failed, ..Counters::default() }
     }
 
     pub(crate) fn wanted(&self, part: Part, lender: BrickId) -> Wanted {
@@ -231,17 +234,11 @@ impl RamCache {
                 Some((i, making)) => {
                     drop(inner);
                     made = Some(i);
-                    self.make((wanted[i].lender, wanted[i].key), making)
+                    self.make(wanted[i].lender, wanted[i].key, making)
                 }
                 None => self.wait(inner),
             };
         }
-    }
-
-    /// Voxels for one part, decoded if needed. Drop them before requesting others.
-    #[cfg(test)]
-    fn part(&self, part: Part, lender: BrickId) -> Result<Arc<[u8]>, Failure> {
-        self.one_of(&[self.wanted(part, lender)]).1
     }
 
     /// A core with its stored apron, decoded if needed. Drop it before requesting another.
@@ -257,7 +254,7 @@ impl RamCache {
     }
 
     /// Decodes a claimed brick, and caches it or the failure.
-    fn make(&self, (id, key): (BrickId, CoreKey), mut making: Making) -> MutexGuard<'_, Inner> {
+    fn make(&self, id: BrickId, key: CoreKey, mut making: Making) -> MutexGuard<'_, Inner> {
         let result = self.fill(id, &mut making);
         let lent = Part::lent_by(id.index, self.source.pyramid().level(id.level).bricks);
         let mut inner = self.lock();
@@ -298,8 +295,8 @@ impl RamCache {
         // Buffers of a shelf have one holder, so nothing is ever copied here.
         if !making.is_cached {
             let (core, apron) = Arc::make_mut(&mut making.core).split_at_mut(self.layout.core_bytes());
-            decode(id, || self.source.read_core(id, core))?;
-            stored = (!apron.is_empty()).then(|| decode(id, || self.source.read_apron(id, apron)));
+            caught(id, "the decoder", || self.source.read_core(id, core))?;
+            stored = (!apron.is_empty()).then(|| caught(id, "the decoder", || self.source.read_apron(id, apron)));
         }
         if let Some(shell) = &mut making.shell {
             copy_shell(&self.layout, &making.core, Arc::make_mut(shell));
@@ -319,20 +316,9 @@ impl RamCache {
     }
 }
 
-/// Reads a part of a brick. A panic in a codec costs one brick, not a worker and all its waiters.
-fn decode(id: BrickId, read: impl FnOnce() -> Result<(), BrickError>) -> Result<(), BrickError> {
-    let panicked = |_| Err(BrickError::of_panic(id, "the decoder"));
-    catch_unwind(AssertUnwindSafe(read)).unwrap_or_else(panicked)
-}
-
 impl KeptCores {
     pub(crate) fn is_of(&self, source: &Arc<dyn BrickSource>) -> bool {
         Arc::ptr_eq(&self.source, source)
-    }
-
-    /// Whether a cache with this source and layout can take the cores.
-    fn is_for(&self, source: &Arc<dyn BrickSource>, layout: &Layout) -> bool {
-        self.is_of(source) && self.stored_apron == layout.stored
     }
 }
 
@@ -397,27 +383,6 @@ impl Inner {
     }
 }
 
-/// Layout of a source's padded bricks in slots with these contents.
-///
-/// # Errors
-/// If the apron or the gradients do not fit the bricks.
-pub(crate) fn layout_of(
-    source: &dyn BrickSource,
-    apron: u32,
-    gradient_layers: u32,
-    contents: &SlotContents,
-) -> Result<Layout, PagerError> {
-    let edge = source.pyramid().edge();
-    if !(1..=MAX_REACH).contains(&apron) || apron > edge {
-        return Err(PagerError::Apron { apron, edge });
-    }
-    let gradients = GradientNodes { edge, layers: gradient_layers };
-    if gradients.apron() > apron || (gradient_layers > 0 && !edge.is_multiple_of(2)) {
-        return Err(PagerError::Gradients { apron, least: gradients.apron(), edge });
-    }
-    Ok(Layout::new(source, apron, gradients, contents.encoding(source, 0).format.bytes()))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -432,6 +397,13 @@ mod tests {
 
     fn brick(x: u32) -> BrickId {
         BrickId { time: 0, channel: 0, level: Level(0), index: BrickIndex::new(x, 0, 0) }
+    }
+
+    impl RamCache {
+        /// Voxels for one part, decoded if needed. Drop them before requesting others.
+        fn part(&self, part: Part, lender: BrickId) -> Result<Arc<[u8]>, Failure> {
+            self.one_of(&[self.wanted(part, lender)]).1
+        }
     }
 
     fn cache(cores: u64) -> RamCache {

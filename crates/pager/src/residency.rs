@@ -22,7 +22,7 @@ use crate::retry::Failure;
 use crate::sameness::{Content, SlotsByContent};
 use crate::slots::SlotTable;
 use crate::source::BrickError;
-use crate::status::Readiness;
+use crate::status::{Counters, Readiness};
 use crate::step_ahead::StepAhead;
 use crate::tier::Tier;
 use crate::visible_cells::{Ranked, VisibleCells};
@@ -122,8 +122,8 @@ pub(crate) struct Ahead<'a> {
     pub(crate) listed: &'a [(Tier, VolumeBrick)],
 }
 
-fn bricks_of(volume: usize, ids: &[BrickId]) -> impl Iterator<Item = VolumeBrick> {
-    ids.iter().map(move |&id| VolumeBrick { volume, id })
+fn bricks_of(volume: usize, ids: impl IntoIterator<Item = BrickId>) -> impl Iterator<Item = VolumeBrick> {
+    ids.into_iter().map(move |id| VolumeBrick { volume, id })
 }
 
 /// Staged, resident and failed bricks of the volumes sharing slots.
@@ -132,11 +132,8 @@ pub(crate) struct Residency {
     volumes: Vec<Bricks>,
     /// Coming steps with their present and missing bricks, until one of these changes.
     pub(crate) steps_ahead: Vec<StepAhead>,
-    pub(crate) uploaded: u64,
-    pub(crate) reuploaded: u64,
-    pub(crate) uploaded_ahead: u64,
-    pub(crate) bytes_uploaded: u64,
-    pub(crate) shared: u64,
+    /// Counts of uploads and of shared slots.
+    pub(crate) counters: Counters,
 }
 
 /// A read brick waiting for a slot.
@@ -178,27 +175,23 @@ impl Residency {
             volumes: held.iter().map(|_| bricks()).collect(),
             slots: SlotTable::new(slots, held),
             steps_ahead: Vec::new(),
-            uploaded: 0,
-            reuploaded: 0,
-            uploaded_ahead: 0,
-            bytes_uploaded: 0,
-            shared: 0,
+            counters: Counters::default(),
         }
     }
 
     pub(crate) fn arrive(&mut self, volume: usize, arrival: Arrival) {
         let Bricks { staged, failed, .. } = &mut self.volumes[volume];
+        let brick = VolumeBrick { volume, id: arrival.id };
         match arrival.result {
             Ok(Arrived::Read { codes, content }) => drop(staged.insert(arrival.id, Staged { codes, content })),
             // If the slot has been given away meanwhile, the brick is requested again.
             Ok(Arrived::Held(content)) => {
-                let brick = VolumeBrick { volume, id: arrival.id };
-                self.shared += self.slots.share(brick, content, Tier::Ring) as u64;
+                self.counters.shared += self.slots.share(brick, content, Tier::Ring) as u64;
             }
             Err(Failure { again: Some(_), .. }) => {}
             Err(Failure { error, again: None }) => {
                 failed.insert(arrival.id, error);
-                self.slots.changes.note(VolumeBrick { volume, id: arrival.id });
+                self.slots.changes.note(brick);
             }
         }
     }
@@ -246,8 +239,8 @@ impl Residency {
     /// makes the draw lists and plans from the resident bricks. `at` is the frame's time.
     pub(crate) fn step(&mut self, wants: &[Wants<'_>], ahead: Ahead<'_>, limit: UploadLimit, at: Duration) -> Step {
         self.slots.begin_frame();
-        let of_volume = |(volume, wants): (usize, &Wants<'_>)| bricks_of(volume, wants.goal.roots).collect::<Vec<_>>();
-        self.slots.set_pins(wants.iter().enumerate().flat_map(of_volume).collect());
+        let pins = wants.iter().enumerate().flat_map(|(volume, wants)| bricks_of(volume, wants.goal.roots()));
+        self.slots.set_pins(pins.collect());
         self.volumes.iter_mut().for_each(|bricks| bricks.fades.advance(at));
         let goals: Vec<Goal<'_>> = wants.iter().map(|wants| wants.goal).collect();
         let is_of_frame =
@@ -258,11 +251,11 @@ impl Residency {
         self.claim(wants, &fetched.kept, &stand_ins);
         let mut needed = self.needed(&goals, &stand_ins);
         let (mut uploads, mut stale) = (Vec::new(), vec![Vec::new(); wants.len()]);
-        let (shared, last_change) = (self.shared, self.slots.changes.last_of(&goals));
+        let (shared, last_change) = (self.counters.shared, self.slots.changes.last_of(&goals));
         if self.has_staged() {
             uploads = self.place(&all_requests(needed.clone(), &fetched), limit, &mut stale);
         }
-        if !uploads.is_empty() || self.shared > shared {
+        if !uploads.is_empty() || self.counters.shared > shared {
             (fetched, coming) = self.ahead(&goals, ahead);
         }
         if self.slots.changes.last_of(&goals) != last_change {
@@ -292,14 +285,14 @@ impl Residency {
     }
 
     fn draw(&mut self, volume: usize, wants: &Wants<'_>, stand_ins: &StandIns) -> DrawList {
-        let &Wants { goal: Goal { pyramid, cut, roots }, sight } = wants;
+        let &Wants { goal, sight } = wants;
         // A finer brick may come before a root, from another worker, but a picture with holes is none.
-        if !roots.iter().all(|&root| self.state(volume, root) != State::Absent) {
+        if goal.roots().any(|root| self.state(volume, root) == State::Absent) {
             return DrawList::default();
         }
         // Renderers have room for as many entries as there are slots.
         let room = self.slots.count().saturating_sub(sight.cells.len());
-        DrawList::new(pyramid, cut, sight, stand_ins, |brick, pairs| self.fading(volume, brick, pairs < room))
+        DrawList::new(goal.pyramid, goal.cut, sight, stand_ins, |brick, pairs| self.fading(volume, brick, pairs < room))
     }
 
     fn stand_ins(&self, wants: &[Wants<'_>]) -> Vec<StandIns> {
@@ -318,7 +311,7 @@ impl Residency {
             }
             for &Ranked { cell, .. } in &wants.sight.cells {
                 // Parents come before children in a cut. A coarser stand-in than before replaces an evicted brick.
-                if let (Some((before, _)), Some((now, _))) = (before.of(cell), now.of(cell))
+                if let (Some(before), Some(now)) = (before.of(cell), now.of(cell))
                     && now > before
                 {
                     bricks.fades.begin(wants.goal.cut.id(now), wants.goal.cut.id(before));
@@ -344,12 +337,12 @@ impl Residency {
             bricks.fades.before().for_each(|id| self.slots.touch(VolumeBrick { volume, id }));
             let others = wants.sight.cells.iter().filter(|ranked| !cut.is_wanted(ranked.cell));
             let drawn = others.filter_map(|ranked| stand_ins.of(ranked.cell));
-            drawn.for_each(|(stand_in, _)| self.slots.touch(VolumeBrick { volume, id: cut.id(stand_in) }));
+            drawn.for_each(|stand_in| self.slots.touch(VolumeBrick { volume, id: cut.id(stand_in) }));
         }
         ahead.iter().rev().for_each(|&(tier, brick)| self.slots.claim(brick, tier));
         for (volume, Wants { goal, .. }) in wants.iter().enumerate() {
             let wanted = goal.cut.wanted_cells().filter_map(|cell| stand_ins[volume].of(cell));
-            for (stand_in, _) in wanted {
+            for stand_in in wanted {
                 self.slots.claim(VolumeBrick { volume, id: goal.cut.id(stand_in) }, Tier::Visible);
             }
         }
@@ -360,7 +353,7 @@ impl Residency {
     /// its bricks would come and go. Of the first step as much is kept as fits. A step's missing bricks are left out while the steps before
     /// it lack enough.
     fn ahead(&mut self, goals: &[Goal<'_>], ahead: Ahead<'_>) -> (Fetched, Vec<Readiness>) {
-        let needed: usize = goals.iter().map(|goal| goal.cut.wanted() + goal.roots.len()).sum();
+        let needed: usize = goals.iter().map(|goal| goal.cut.wanted() + goal.cut.roots).sum();
         let mut room = self.slots.count().saturating_sub(needed);
         let (mut fetched, mut coming) = (Fetched::default(), Vec::new());
         let mut known = std::mem::take(&mut self.steps_ahead);
@@ -410,14 +403,14 @@ impl Residency {
         for (volume, goal) in goals.iter().enumerate() {
             let cut = goal.cut;
             let stand_ins = StandIns::new(cut, |node| cut.is_visible(node), |id| self.slot(volume, id));
-            let resident_roots = goal.roots.iter().filter(|&&root| self.state(volume, root) == State::Resident);
-            let mut of_volume: Vec<BrickId> = resident_roots.copied().collect();
-            is_drawn_everywhere &= goal.roots.iter().all(|&root| self.state(volume, root) != State::Absent);
+            let resident_roots = goal.roots().filter(|&root| self.state(volume, root) == State::Resident);
+            let mut of_volume: Vec<BrickId> = resident_roots.collect();
+            is_drawn_everywhere &= goal.roots().all(|root| self.state(volume, root) != State::Absent);
             is_drawn_everywhere &= cut.wanted_cells().all(|cell| stand_ins.of(cell).is_some());
-            of_volume.extend(cut.wanted_cells().filter_map(|cell| stand_ins.of(cell)).map(|(node, _)| cut.id(node)));
+            of_volume.extend(cut.wanted_cells().filter_map(|cell| stand_ins.of(cell)).map(|node| cut.id(node)));
             of_volume.sort_unstable();
             of_volume.dedup();
-            there.extend(bricks_of(volume, &of_volume));
+            there.extend(bricks_of(volume, of_volume));
             missing.extend(self.missing(volume, goal, &stand_ins));
         }
         let lacking = plan::in_order(missing).into_iter().map(|(_, brick)| brick).collect();
@@ -426,14 +419,14 @@ impl Residency {
 
     /// Missing bricks of a volume's goal, in no order, with their keys.
     fn missing(&self, volume: usize, goal: &Goal<'_>, stand_ins: &StandIns) -> Vec<(Key, VolumeBrick)> {
-        let &Goal { pyramid, cut, roots } = goal;
+        let cut = goal.cut;
         let state_of = |node| match stand_ins.is_resident(node) {
             true => State::Resident,
             false if self.failure(volume, cut.id(node)).is_some() => State::Failed,
             false => State::Absent,
         };
-        let requests = plan::requests(cut, roots, state_of, |id| self.state(volume, id));
-        requests.iter().map(|request| (request.key(pyramid), VolumeBrick { volume, id: request.id })).collect()
+        let requests = plan::requests(goal, state_of, |id| self.state(volume, id));
+        requests.into_iter().map(|(key, id)| (key, VolumeBrick { volume, id })).collect()
     }
 
     /// Missing bricks of the views themselves over all volumes, the most urgent first.
@@ -456,7 +449,7 @@ impl Residency {
             let Some(Staged { codes, content }) = self.volumes[volume].staged.remove(&id) else { continue };
             // An equal brick of another step may have come first.
             if content.is_some_and(|content| self.slots.share(brick, content, tier)) {
-                self.shared += 1;
+                self.counters.shared += 1;
                 stale[volume].push(codes);
                 continue;
             }
@@ -465,8 +458,8 @@ impl Residency {
             match acquired {
                 Some(acquired) => {
                     bytes += size;
-                    self.reuploaded += acquired.again as u64;
-                    self.uploaded_ahead += tier.is_ahead() as u64;
+                    self.counters.reuploaded += acquired.again as u64;
+                    self.counters.uploaded_ahead += tier.is_ahead() as u64;
                     uploads.push(Upload { volume, slot: acquired.slot, brick: id, codes });
                 }
                 None => drop(kept[volume].insert(id, Staged { codes, content })),
@@ -476,8 +469,8 @@ impl Residency {
             let left = std::mem::replace(&mut bricks.staged, kept).into_values();
             stale.extend(left.map(|staged| staged.codes));
         }
-        self.uploaded += uploads.len() as u64;
-        self.bytes_uploaded += bytes;
+        self.counters.uploaded += uploads.len() as u64;
+        self.counters.bytes_uploaded += bytes;
         uploads
     }
 }

@@ -23,6 +23,12 @@ pub(crate) struct Failure {
     pub(crate) again: Option<Instant>,
 }
 
+impl From<BrickError> for Failure {
+    fn from(error: BrickError) -> Self {
+        Self { error, again: None }
+    }
+}
+
 /// The unreadable bricks of one source.
 #[derive(Default)]
 pub(crate) struct Failures {

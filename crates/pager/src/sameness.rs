@@ -8,20 +8,19 @@
 use crate::draw_list::Slot;
 use crate::neighbourhood::Part;
 use crate::source::BrickSource;
-use brickyard_volume::{BrickId, BrickIndex, Level, PageId};
+use brickyard_volume::{BrickId, Level, PageId};
 use lru::LruCache;
 use rustc_hash::FxHashMap;
 use std::num::NonZeroUsize;
-use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use xxhash_rust::xxh3::Xxh3Default;
 
 /// Content of a padded brick, whatever its time step; equal contents are equal voxel by voxel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) struct Content {
-    channel: u32,
-    level: Level,
-    index: BrickIndex,
-    hash: u128,
+    /// The brick, in step 0.
+    pub(crate) id: BrickId,
+    pub(crate) hash: u128,
 }
 
 /// Cache key of a core: its brick, with the hash, if known, in place of the time step.
@@ -29,17 +28,6 @@ pub(crate) struct Content {
 pub(crate) struct CoreKey {
     id: BrickId,
     hash: Option<u128>,
-}
-
-impl Content {
-    #[cfg(test)]
-    pub(crate) fn for_test(id: BrickId, hash: u128) -> Self {
-        Self { channel: id.channel, level: id.level, index: id.index, hash }
-    }
-
-    pub(crate) fn hash(&self) -> u128 {
-        self.hash
-    }
 }
 
 impl CoreKey {
@@ -96,12 +84,10 @@ impl CoreHashes {
     /// Content of a padded brick; `None` if unknown. At a level's faces a brick has fewer neighbours, but the same ones in all time steps.
     pub(crate) fn of_padded(&self, id: BrickId) -> Option<Content> {
         let grid = self.source.pyramid().level(id.level).bricks;
-        let parts = Part::all().filter(|part| part.has_lender(id.index, grid));
-        let bricks = parts.map(|part| BrickId { index: part.lender(id.index), ..id });
+        let bricks = Part::lenders(id.index, grid).map(|index| BrickId { index, ..id });
         let mut hasher = Xxh3Default::new();
         self.all_of(bricks, |hash| hasher.update(&hash.to_le_bytes()))?;
-        let BrickId { channel, level, index, .. } = id;
-        Some(Content { channel, level, index, hash: hasher.digest128() })
+        Some(Content { id: BrickId { time: 0, ..id }, hash: hasher.digest128() })
     }
 
     /// Passes the hashes of bricks to `tell`. Returns its last result; `None` at the first unknown hash.
@@ -132,24 +118,10 @@ impl CoreHashes {
 
 /// Contents of a volume's slots, written as slots are filled, and read by the workers.
 #[derive(Default)]
-pub(crate) struct SlotsByContent {
-    slots: Mutex<FxHashMap<Content, Slot>>,
-}
+pub(crate) struct SlotsByContent(Mutex<FxHashMap<Content, Slot>>);
 
 impl SlotsByContent {
-    pub(crate) fn get(&self, content: &Content) -> Option<Slot> {
-        self.slots.lock().unwrap_or_else(PoisonError::into_inner).get(content).copied()
-    }
-
-    pub(crate) fn insert(&self, content: Content, slot: Slot) {
-        self.slots.lock().unwrap_or_else(PoisonError::into_inner).insert(content, slot);
-    }
-
-    pub(crate) fn remove(&self, content: &Content) {
-        self.slots.lock().unwrap_or_else(PoisonError::into_inner).remove(content);
-    }
-
-    pub(crate) fn clear(&self) {
-        self.slots.lock().unwrap_or_else(PoisonError::into_inner).clear();
+    pub(crate) fn lock(&self) -> MutexGuard<'_, FxHashMap<Content, Slot>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }

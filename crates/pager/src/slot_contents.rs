@@ -3,6 +3,7 @@
 //! for unsigned voxels of 8 and 16 bits, which are codes already.
 
 use crate::layout::Layout;
+use crate::retry::Failure;
 use crate::source::BrickSource;
 use brickyard_volume::{FloatSlots, LabelCodes, SlotEncoding};
 use std::sync::Arc;
@@ -72,12 +73,12 @@ impl Encoder {
     ///
     /// # Errors
     /// The error of `fill`, if it fails.
-    pub(crate) fn encode<E>(
+    pub(crate) fn encode(
         &mut self,
         channel: u32,
         codes: &mut [u8],
-        fill: impl FnOnce(&mut [u8]) -> Result<(), E>,
-    ) -> Result<(), E> {
+        fill: impl FnOnce(&mut [u8]) -> Result<(), Failure>,
+    ) -> Result<(), Failure> {
         let encoding = self.encodings[channel as usize];
         if self.voxels.is_empty() {
             return fill(codes);

@@ -58,7 +58,7 @@ pub(crate) struct Acquired {
 
 impl SlotTable {
     pub(crate) fn new(count: u32, held: Vec<Arc<SlotsByContent>>) -> Self {
-        held.iter().for_each(|held| held.clear());
+        held.iter().for_each(|held| held.lock().clear());
         let remembered = std::num::NonZeroUsize::new(count as usize).unwrap_or(std::num::NonZeroUsize::MIN);
         Self {
             entries: LruCache::unbounded(),
@@ -125,7 +125,9 @@ impl SlotTable {
             self.holdings.push(Holding::default());
         }
         let content = content.map(|content| (brick.volume, content));
-        content.iter().for_each(|(volume, content)| self.held[*volume].insert(*content, slot));
+        if let Some((volume, content)) = content {
+            self.held[volume].lock().insert(content, slot);
+        }
         self.holdings[slot.0 as usize] = Holding { bricks: 1, content };
         self.evicted.pop(&brick);
         self.entries.put(brick, Entry { slot, frame: self.frame, tier });
@@ -135,7 +137,7 @@ impl SlotTable {
 
     /// Gives a brick the slot with its content, if there is one, and claims it for this frame. Returns whether there is.
     pub(crate) fn share(&mut self, brick: VolumeBrick, content: Content, tier: Tier) -> bool {
-        let Some(slot) = self.held[brick.volume].get(&content) else { return false };
+        let Some(slot) = self.held[brick.volume].lock().get(&content).copied() else { return false };
         if self.entries.contains(&brick) {
             return true;
         }
@@ -159,7 +161,7 @@ impl SlotTable {
         holding.bricks -= 1;
         if holding.bricks == 0 {
             if let Some((volume, content)) = holding.content.take() {
-                self.held[volume].remove(&content);
+                self.held[volume].lock().remove(&content);
             }
             self.free.push(slot);
         }
@@ -235,7 +237,7 @@ mod tests {
     #[test]
     fn a_shared_slot_is_free_after_the_last_of_its_bricks() {
         let same = |time| VolumeBrick { volume: 0, id: BrickId { time, ..brick(0).id } };
-        let content = Content::for_test(brick(0).id, 7);
+        let content = Content { id: brick(0).id, hash: 7 };
         let mut table = table(2);
         assert!(!table.share(same(0), content, Tier::Visible), "no slot holds it");
         assert_eq!(table.acquire(same(0), Some(content), Tier::Visible).map(|a| a.slot.0), Some(0));
@@ -255,7 +257,7 @@ mod tests {
     #[test]
     fn no_slot_is_shared_by_ever_more_bricks() {
         let same = |time| VolumeBrick { volume: 0, id: BrickId { time, ..brick(0).id } };
-        let content = Content::for_test(brick(0).id, 7);
+        let content = Content { id: brick(0).id, hash: 7 };
         let mut table = table(2);
         table.acquire(same(0), Some(content), Tier::Visible).unwrap();
         for time in 1..100 {

@@ -2,6 +2,7 @@
 //! compute.
 
 use brickyard_volume::{BrickId, BrickIndex, Geometry, Occupancy, OccupancyBins, PageId, Pyramid, VoxelType};
+use std::panic::{AssertUnwindSafe, catch_unwind};
 
 /// Error from reading a brick. If it may pass, the pager retries a few times, then marks the brick failed and draws an ancestor.
 #[derive(Clone, Debug, thiserror::Error)]
@@ -15,11 +16,16 @@ pub struct BrickError {
     pub is_passing: bool,
 }
 
-impl BrickError {
-    /// Error for a brick on which `who` panicked; the panic has been printed.
-    pub(crate) fn of_panic(id: BrickId, who: &str) -> Self {
-        Self { id, reason: format!("{who} panicked; please report this"), is_passing: false }
-    }
+/// Reads a brick. A panic of `who`, which has been printed, becomes an error: it costs one brick, not a thread and all its waiters.
+pub(crate) fn caught<T, E: From<BrickError>>(
+    id: BrickId,
+    who: &str,
+    read: impl FnOnce() -> Result<T, E>,
+) -> Result<T, E> {
+    catch_unwind(AssertUnwindSafe(read)).unwrap_or_else(|_| {
+        let reason = format!("{who} panicked; please report this");
+        Err(BrickError { id, reason, is_passing: false }.into())
+    })
 }
 
 /// A paged volume: a pyramid of bricks, read one by one, by many worker threads at once. Methods that describe the whole volume must be quick and

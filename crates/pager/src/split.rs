@@ -34,17 +34,13 @@ pub(crate) const KEEP: f64 = 0.8;
 impl Cut {
     /// Cut of `source` for `view` with at most `max_cells` wanted cells. All coarsest bricks count, in the cut or not, as they are pinned.
     pub fn new(source: &dyn BrickSource, view: &View, max_cells: usize) -> Self {
-        only(cuts(&[Subject { source, view, visibility: None }], max_cells, &[]))
+        cuts(&[Subject { source, view, visibility: None }], max_cells, &[]).swap_remove(0)
     }
 
     /// Cut for a view following this cut's view, with at most `max_cells` wanted cells. Cells near the threshold stay as they are.
     pub fn next(&self, source: &dyn BrickSource, view: &View, max_cells: usize) -> Self {
-        only(cuts(&[Subject { source, view, visibility: None }], max_cells, &[self]))
+        cuts(&[Subject { source, view, visibility: None }], max_cells, &[self]).swap_remove(0)
     }
-}
-
-fn only(mut cuts: Vec<Cut>) -> Cut {
-    cuts.swap_remove(0)
 }
 
 /// A volume to cut.
@@ -68,48 +64,54 @@ impl Subject<'_> {
     }
 }
 
-/// For each volume, the index of the first one that shares its tree; its own if none before does.
-pub(crate) fn firsts<T>(volumes: &[T], share: impl Fn(&T, &T) -> bool) -> Vec<usize> {
-    let first = |volume| volumes.iter().position(|other| share(other, volume));
-    // Each shares its own.
-    volumes.iter().enumerate().map(|(i, volume)| first(volume).unwrap_or(i)).collect()
+/// Groups of volumes that share something, such as a tree, by their indices: the groups in the order of their first volumes.
+pub(crate) fn groups<T>(volumes: &[T], share: impl Fn(&T, &T) -> bool) -> Vec<Vec<usize>> {
+    let mut groups: Vec<Vec<usize>> = Vec::new();
+    for (i, volume) in volumes.iter().enumerate() {
+        match groups.iter_mut().find(|members| share(&volumes[members[0]], volume)) {
+            Some(members) => members.push(i),
+            None => groups.push(vec![i]),
+        }
+    }
+    groups
+}
+
+/// Results of all volumes in order, from those of each group's members.
+pub(crate) fn by_volume<T>(groups: &[Vec<usize>], of_groups: impl Iterator<Item = Vec<T>>) -> Vec<T> {
+    let of_members = groups.iter().zip(of_groups).flat_map(|(members, of_group)| members.iter().zip(of_group));
+    let mut all: Vec<(&usize, T)> = of_members.collect();
+    all.sort_by_key(|(i, _)| **i);
+    all.into_iter().map(|(_, of_volume)| of_volume).collect()
 }
 
 /// Whether the cuts of volumes on one grid, seen alike, are made of one tree.
 pub(crate) fn share_trees(subjects: &[Subject<'_>], cuts: &[Arc<Cut>]) -> bool {
-    let firsts = firsts(subjects, Subject::shares_grid_with);
-    cuts.iter().zip(firsts).all(|(cut, first)| cut.shares_tree_with(&cuts[first]))
+    let groups = groups(subjects, Subject::shares_grid_with);
+    groups.iter().all(|members| members.iter().all(|&i| cuts[i].shares_tree_with(&cuts[members[0]])))
 }
 
 /// Cuts of several volumes with at most `max_cells` wanted cells in total, following `last` unless that is empty.
 pub(crate) fn cuts(subjects: &[Subject<'_>], max_cells: usize, last: &[&Cut]) -> Vec<Cut> {
     debug_assert!(subjects.len() <= MAX_VOLUMES, "{} volumes", subjects.len());
-    let firsts = firsts(subjects, Subject::shares_grid_with);
-    let builds: Vec<Build<'_>> = (0..subjects.len())
-        .filter(|&first| firsts[first] == first)
-        .map(|first| {
-            let members = subjects.iter().zip(&firsts).filter(|(_, of)| **of == first).map(|(subject, _)| *subject);
-            Build::new(members.collect(), last.get(first).map_or(&[], |last| &last.nodes))
-        })
-        .collect();
-    let (trees, memory_bound) = Forest::new(builds, max_cells).grow();
-    let mut trees: Vec<(usize, Tree)> = (0..subjects.len()).filter(|&i| firsts[i] == i).zip(trees).collect();
-    let cut = |(subject, first): (&Subject<'_>, &usize)| {
-        let tree = trees.iter_mut().find(|(of, _)| of == first).map(|(_, tree)| tree);
-        let Tree { nodes, roots, next_member } = tree.expect("each first volume has a tree");
-        let member = *next_member;
-        *next_member <<= 1;
-        Cut::of_tree(subject.view.clone(), nodes, member, *roots, memory_bound)
+    let groups = groups(subjects, Subject::shares_grid_with);
+    let build = |members: &Vec<usize>| {
+        let last = last.get(members[0]).map_or(&[][..], |last| &last.nodes);
+        Build::new(members.iter().map(|&i| subjects[i]).collect(), last)
     };
-    subjects.iter().zip(&firsts).map(cut).collect()
+    let (trees, memory_bound) = Forest::new(groups.iter().map(build).collect(), max_cells).grow();
+    let cuts = groups.iter().zip(&trees).map(|(members, Tree { nodes, roots })| {
+        let cut = |(&i, member): (&usize, Members)| {
+            Cut::of_tree(subjects[i].view.clone(), nodes, 1 << member, *roots, memory_bound)
+        };
+        members.iter().zip(0..).map(cut).collect()
+    });
+    by_volume(&groups, cuts)
 }
 
 /// A finished tree.
 struct Tree {
     nodes: Arc<Vec<Node>>,
     roots: usize,
-    /// Bit of the volume whose cut is made next.
-    next_member: Members,
 }
 
 /// Order of splitting, the largest first. Errors are not negative, so their bits order as they do.
@@ -281,7 +283,7 @@ impl<'a> Build<'a> {
 
     fn finish(self) -> Tree {
         let nodes = if self.has_merged { without_dead(&self.nodes, self.roots) } else { self.nodes };
-        Tree { nodes: Arc::new(nodes), roots: self.roots, next_member: 1 }
+        Tree { nodes: Arc::new(nodes), roots: self.roots }
     }
 
     fn is_mergeable(&self, id: NodeId) -> bool {
@@ -355,17 +357,18 @@ impl<'a> Build<'a> {
         let pixel_size = |rays: &ViewRays| rays.pixel_size(view.distance(rays, low, high));
         let least_pixel = view.eyes().map(pixel_size).fold(f64::INFINITY, f64::min);
         let error_px = self.voxel_size * (1u64 << level.0) as f64 / least_pixel;
-        let (first_child, children, visible) =
-            (None, 0, visible_to(&self.subjects, &self.frusta, level, index, (low, high)));
+        let (first_child, children) = (None, 0);
         // No more light than at the parent, so an ancestor is never split after its descendants.
         let most = self.nodes.get(parent.index()).map_or(OPEN, |parent| parent.weight);
-        let mut node = Node { level, index, low, high, error_px, parent, first_child, children, weight: most, visible };
+        let mut node =
+            Node { level, index, low, high, error_px, parent, first_child, children, weight: most, visible: 0 };
+        node.visible = visible_to(&self.subjects, &self.frusta, &node);
         // Parts of one volume hidden by another are visible in neither; unknown visibility counts as visible.
         let known = |(i, subject): (usize, &Subject<'_>)| {
             let weight = subject.visibility.and_then(|visibility| visibility.weight(subject.view, &node));
-            if visible >> i & 1 != 0 { weight.unwrap_or(OPEN) } else { 0 }
+            if node.visible >> i & 1 != 0 { weight.unwrap_or(OPEN) } else { 0 }
         };
-        let weight = self.subjects.iter().enumerate().map(known).max().filter(|_| visible != 0);
+        let weight = self.subjects.iter().enumerate().map(known).max().filter(|_| node.visible != 0);
         node.weight = weight.map_or(most, |weight| weight.min(most));
         self.nodes.push(node);
         self.twins.push(twin);
@@ -373,19 +376,12 @@ impl<'a> Build<'a> {
 }
 
 /// Members of a shared tree with something in this box: in the frustum and not empty.
-fn visible_to(
-    subjects: &[Subject<'_>],
-    frusta: &Frusta,
-    level: Level,
-    index: BrickIndex,
-    (low, high): (glam::DVec3, glam::DVec3),
-) -> Members {
+fn visible_to(subjects: &[Subject<'_>], frusta: &Frusta, &Node { level, index, low, high, .. }: &Node) -> Members {
     if !frusta.meet_box(low, high) {
         return 0;
     }
-    let is_visible = |Subject { source, view, .. }: &Subject<'_>| {
-        view.is_inside_clip(low, high) && view.shows(*source, view.id(level, index), (low, high))
-    };
+    let is_visible =
+        |Subject { source, view, .. }: &Subject<'_>| view.shows(*source, view.id(level, index), (low, high));
     subjects.iter().zip(0..).fold(0, |all, (subject, i)| all | (is_visible(subject) as Members) << i)
 }
 
@@ -393,25 +389,20 @@ fn visible_to(
 pub(crate) fn recut(cuts: &[Arc<Cut>], sources: &[Arc<dyn BrickSource>], views: &[View]) -> Vec<Arc<Cut>> {
     let at = |(cut, view): (&Arc<Cut>, &View)| View { time: view.time, channel: view.channel, ..cut.view.clone() };
     let views: Vec<View> = cuts.iter().zip(views).map(at).collect();
-    let firsts = firsts(cuts, |a, b| a.shares_tree_with(b));
-    let mut recut: Vec<Arc<Cut>> = Vec::with_capacity(cuts.len());
-    for (i, (cut, &first)) in cuts.iter().zip(&firsts).enumerate() {
-        let nodes = if first < i {
-            recut[first].nodes.clone()
-        } else {
-            let members = (i..cuts.len()).filter(|&member| firsts[member] == i);
-            let subject = |i: usize| Subject { source: &*sources[i], view: &views[i], visibility: None };
-            let (members, frusta): (Vec<_>, _) = (members.map(subject).collect(), views[i].frusta());
-            let renewed = |node: &Node| {
-                let visible = visible_to(&members, &frusta, node.level, node.index, (node.low, node.high));
-                Node { visible, weight: OPEN, ..*node }
-            };
-            Arc::new(cut.nodes.iter().map(renewed).collect())
+    let groups = groups(cuts, |a, b| a.shares_tree_with(b));
+    let recut = groups.iter().map(|members| {
+        let subject = |&i: &usize| Subject { source: &*sources[i], view: &views[i], visibility: None };
+        let subjects: Vec<Subject<'_>> = members.iter().map(subject).collect();
+        let frusta = subjects[0].view.frusta();
+        let renewed = |node: &Node| Node { visible: visible_to(&subjects, &frusta, node), weight: OPEN, ..*node };
+        let nodes = Arc::new(cuts[members[0]].nodes.iter().map(renewed).collect());
+        let cut = |&i: &usize| {
+            let Cut { member, roots, memory_bound, .. } = *cuts[i];
+            Arc::new(Cut::of_tree(views[i].clone(), &nodes, member, roots, memory_bound))
         };
-        let Cut { member, roots, memory_bound, .. } = **cut;
-        recut.push(Arc::new(Cut::of_tree(views[i].clone(), &nodes, member, roots, memory_bound)));
-    }
-    recut
+        members.iter().map(cut).collect()
+    });
+    by_volume(&groups, recut)
 }
 
 /// A tree without its unreachable nodes.

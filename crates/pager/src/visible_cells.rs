@@ -8,7 +8,7 @@
 use crate::cut::{Cut, Members, Node, NodeId, View};
 use crate::order;
 use crate::source::BrickSource;
-use crate::split::firsts;
+use crate::split::{by_volume, groups};
 use brickyard_volume::{Placement, ViewRays};
 use glam::DVec3;
 use std::sync::Arc;
@@ -55,8 +55,8 @@ impl<'a> Looked<'a> {
             if is_planned {
                 return node.visible & cut.member != 0;
             }
-            let is_in_sight = frusta.meet_box(node.low, node.high) && view.is_inside_clip(node.low, node.high);
-            is_in_sight && view.shows(source, view.id(node.level, node.index), (node.low, node.high))
+            frusta.meet_box(node.low, node.high)
+                && view.shows(source, view.id(node.level, node.index), (node.low, node.high))
         }
     }
 }
@@ -72,16 +72,14 @@ impl VisibleCells {
         let looked =
             sources.iter().zip(cuts).zip(views).map(|((source, cut), view)| Looked { source: &**source, cut, view });
         let volumes: Vec<Looked<'_>> = looked.collect();
-        let firsts = firsts(&volumes, |a, b| {
+        let groups = groups(&volumes, |a, b| {
             a.cut.shares_tree_with(b.cut) && (a.view.placement, a.view.rays) == (b.view.placement, b.view.rays)
         });
-        let mut sights: Vec<Option<Self>> = vec![None; volumes.len()];
-        for first in (0..volumes.len()).filter(|&i| firsts[i] == i) {
-            let members: Vec<usize> = (first..volumes.len()).filter(|&i| firsts[i] == first).collect();
-            let of_members = of_tree(&members.iter().map(|&i| volumes[i]).collect::<Vec<_>>(), first);
-            members.into_iter().zip(of_members).for_each(|(i, sight)| sights[i] = Some(sight));
-        }
-        sights.into_iter().flatten().collect()
+        let sights = groups.iter().map(|members| {
+            let looked: Vec<Looked<'_>> = members.iter().map(|&i| volumes[i]).collect();
+            of_tree(&looked, members[0])
+        });
+        by_volume(&groups, sights)
     }
 }
 
@@ -91,8 +89,7 @@ fn of_tree(volumes: &[Looked<'_>], first: usize) -> Vec<VisibleCells> {
     let visible = |node: &Node| sees.iter().zip(0..).fold(0, |all, (sees, i)| all | (sees(node) as Members) << i);
     let Looked { source, cut, view } = volumes[0];
     let placement = &view.placement;
-    let (pyramid, geometry) = (source.pyramid(), source.geometry());
-    let ordered = |rays: &ViewRays| order::back_to_front(pyramid, geometry, (rays, placement), cut, visible);
+    let ordered = |rays: &ViewRays| order::back_to_front(source, rays, placement, cut, visible);
     let (order, for_other_eye) = (ordered(&view.rays), view.other_eye.as_ref().map(ordered));
     let area = |ranked: &Ranked| view.eyes().map(|rays| screen_area(rays, placement, &cut[ranked.cell])).sum();
     let sight = |(volume, member): (&Looked<'_>, u32)| {

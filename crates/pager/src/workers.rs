@@ -8,29 +8,27 @@
 use crate::assemble::PaddedReader;
 use crate::budget::Meter;
 use crate::buffer_lru::zeroed;
-use crate::leave::leave;
+use crate::leave::Threads;
 use crate::ram_cache::RamCache;
 use crate::residency::{Arrival, Arrived};
 use crate::retry::Failure;
 use crate::sameness::{Content, SlotsByContent};
-use crate::source::BrickError;
+use crate::source::caught;
 use crate::tier::Tier;
 use brickyard_volume::BrickId;
 use crossbeam_channel::{Receiver, Sender, bounded};
 use rustc_hash::{FxHashMap, FxHashSet};
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
-use std::thread::JoinHandle;
 use std::time::Instant;
 
 /// Bricks advised at a time. Cold reads with batches of 16 are several times faster than plain page faults.
-const ADVISE_BATCH: usize = 16;
+pub(crate) const ADVISE_BATCH: usize = 16;
 
 pub(crate) struct Workers {
     shared: Arc<Shared>,
-    /// `None` only while dropping.
-    arrivals: Option<Receiver<Arrival>>,
-    threads: Vec<JoinHandle<()>>,
+    /// A worker waiting for room in the channel gets an error once this is dropped.
+    pub(crate) arrivals: Receiver<Arrival>,
+    threads: Threads,
 }
 
 struct Shared {
@@ -122,20 +120,19 @@ impl Workers {
         cache: &Arc<RamCache>,
         threads: u32,
         staged: usize,
-        (meter, held): (Arc<Meter>, Arc<SlotsByContent>),
+        meter: Arc<Meter>,
+        held: Arc<SlotsByContent>,
     ) -> std::io::Result<Self> {
-        let padded_bytes = cache.layout().padded_bytes();
+        let padded_bytes = cache.layout.padded_bytes();
         let queue = Mutex::new(Queue { permits: staged, staged, ..Queue::default() });
         let shared = Arc::new(Shared { queue, wake: Condvar::new(), padded_bytes, meter, held });
         let (sender, arrivals) = bounded(staged);
-        let mut workers = Self { shared, arrivals: Some(arrivals), threads: Vec::new() };
+        let mut workers = Self { shared, arrivals, threads: Threads::default() };
         for i in 0..threads {
             let (shared, sender) = (workers.shared.clone(), sender.clone());
             let reader = PaddedReader::new(cache.clone());
-            let source = cache.source().clone();
-            let name = format!("brick-worker-{i}");
-            let work = move || shared.work(reader, &sender, |ids| source.advise(ids));
-            workers.threads.push(std::thread::Builder::new().name(name).spawn(work)?);
+            let work = move || shared.work(reader, &sender);
+            workers.threads.start(format!("brick-worker-{i}"), work)?;
         }
         Ok(workers)
     }
@@ -151,7 +148,7 @@ impl Workers {
 
     /// Next brick that was read or failed; `None` if there is none now.
     pub(crate) fn try_receive(&self) -> Option<Arrival> {
-        let arrival = self.arrivals.as_ref()?.try_recv().ok()?;
+        let arrival = self.arrivals.try_recv().ok()?;
         self.shared.lock().busy.remove(&arrival.id);
         Some(arrival)
     }
@@ -159,10 +156,6 @@ impl Workers {
     /// Takes padded buffers back. A buffer with another holder is left to that holder and no longer counts.
     pub(crate) fn give_back(&self, buffers: impl IntoIterator<Item = Arc<[u8]>>) {
         buffers.into_iter().for_each(|buffer| self.shared.give_back(buffer));
-    }
-
-    pub(crate) fn arrivals(&self) -> Option<&Receiver<Arrival>> {
-        self.arrivals.as_ref()
     }
 
     /// Whether any brick of the plan is unread, being read, or not yet received.
@@ -176,18 +169,14 @@ impl Drop for Workers {
     fn drop(&mut self) {
         self.shared.lock().stop = true;
         self.shared.wake.notify_all();
-        // A worker waiting for room in the channel gets an error instead.
-        self.arrivals = None;
-        leave(self.threads.drain(..));
     }
 }
 
 impl Shared {
-    fn work(&self, mut reader: PaddedReader, sender: &Sender<Arrival>, advise: impl Fn(&[BrickId])) {
+    fn work(&self, mut reader: PaddedReader, sender: &Sender<Arrival>) {
         while let Some(Job { id, mut buffer, advise: batch }) = self.take() {
-            let read = AssertUnwindSafe(|| self.read(&mut reader, id, &mut buffer, batch, &advise));
-            let panicked = |_| Err(Failure { error: BrickError::of_panic(id, "the reader"), again: None });
-            let result = match catch_unwind(read).unwrap_or_else(panicked) {
+            let read = caught(id, "the reader", || self.read(&mut reader, id, &mut buffer, batch));
+            let result = match read {
                 Ok(Found::Held(content)) => {
                     self.give_back(buffer);
                     Ok(Arrived::Held(content))
@@ -212,15 +201,14 @@ impl Shared {
         id: BrickId,
         buffer: &mut Arc<[u8]>,
         batch: Vec<BrickId>,
-        advise: impl Fn(&[BrickId]),
     ) -> Result<Found, Failure> {
-        let is_held = |content: &Content| self.held.get(content).is_some();
-        let to_read = |id: &BrickId| !reader.content(*id).as_ref().is_some_and(is_held);
+        let is_held = |content: &Content| self.held.lock().contains_key(content);
+        let to_read = |id: &BrickId| !reader.cache.content(*id).as_ref().is_some_and(is_held);
         let batch: Vec<BrickId> = batch.into_iter().filter(to_read).collect();
         if !batch.is_empty() {
-            advise(&batch);
+            reader.cache.source().advise(&batch);
         }
-        let content = reader.content(id);
+        let content = reader.cache.content(id);
         if let Some(content) = content.filter(is_held) {
             return Ok(Found::Held(content));
         }

@@ -10,7 +10,7 @@ use tempfile::NamedTempFile;
 /// A file in progress under a temporary name. Unless finished, it is removed, and an earlier file at its path stays.
 pub(crate) struct WholeFile {
     file: BufWriter<NamedTempFile>,
-    path: PathBuf,
+    pub(crate) path: PathBuf,
 }
 
 impl WholeFile {
@@ -51,11 +51,6 @@ impl WholeFile {
     #[cfg(feature = "movie")]
     pub(crate) fn temporary(&self) -> &Path {
         self.file.get_ref().path()
-    }
-
-    #[cfg(feature = "movie")]
-    pub(crate) fn path(&self) -> &Path {
-        &self.path
     }
 }
 

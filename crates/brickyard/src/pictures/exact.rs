@@ -5,7 +5,7 @@
 use crate::memory::ProcessMemory;
 use crate::session::backend::{BackendChoice, BackendError, CompositorChoice, Pictures, layer_needs};
 use crate::session::device::Device;
-use crate::session::gpu_backend::open_gpu;
+use crate::session::gpu_backend;
 use crate::session::resolve::slot_contents;
 use crate::session::{ResolvedScene, SessionOptions};
 use crate::stats::{BrickCounts, ByteCounts, RenderStats, ms};
@@ -85,7 +85,7 @@ impl ExactRenderer {
         let needs = layer_needs(&*source, encoding, bricks, false);
         let pictures = Pictures { size_px: max_size_px, has_expressions: false };
         let (renderer, backend_line) =
-            open_gpu(GpuPreference::Any, &mut Device::default(), &[needs], &pictures, &options)?;
+            gpu_backend::open(GpuPreference::Any, &mut Device::default(), &[needs], &pictures, &options)?;
         let config = PagerConfig {
             slots: renderer.slots(0),
             apron: needs.bricks.apron,

@@ -103,7 +103,7 @@ pub fn render_settled(
     let mut drawn_ms = 0.0;
     let picture = within(session, max_wait, |session, begun| {
         scene.supersampled(|sample| {
-            let frame = settle(session, sample, (begun, max_wait), started, stats)?;
+            let frame = settle(session, sample, begun, max_wait, started, stats)?;
             let drawing = Instant::now();
             let picture = session.draw(&frame)?;
             drawn_ms += ms(drawing);
@@ -142,7 +142,8 @@ pub(crate) fn within(
 fn settle(
     session: &mut Session,
     scene: &ResolvedScene,
-    (begun, max_wait): (Instant, Duration),
+    begun: Instant,
+    max_wait: Duration,
     started: Instant,
     stats: &mut RenderStats,
 ) -> Result<Frame, OfflineError> {

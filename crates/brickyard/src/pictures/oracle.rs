@@ -58,14 +58,15 @@ pub fn render_reference_within(
     max_wait: Duration,
 ) -> Result<Picture, OracleError> {
     let begun = Instant::now();
-    scene.supersampled(|sample| render_sample(stores, sample, host_memory_bytes, (begun, max_wait)))
+    scene.supersampled(|sample| render_sample(stores, sample, host_memory_bytes, begun, max_wait))
 }
 
 fn render_sample(
     stores: &[&Store],
     scene: &ResolvedScene,
     host_memory_bytes: u64,
-    (begun, max_wait): (Instant, Duration),
+    begun: Instant,
+    max_wait: Duration,
 ) -> Result<Picture, OracleError> {
     let views = || scene.layers.iter().map(|layer| (stores[layer.volume], &layer.view));
     let needed = views().map(|(store, view)| Wanted::new(store, view).bytes(store)).fold(0, u64::saturating_add);

@@ -85,12 +85,17 @@ pub(crate) fn open(
     pictures: &Pictures,
     options: &SessionOptions,
 ) -> Result<(Box<dyn Renderer>, String), BackendError> {
-    let cpu = |why: &str| -> Result<(Box<dyn Renderer>, String), BackendError> {
+    type Opened = Result<(Box<dyn Renderer>, String), BackendError>;
+    let cpu = |why: &str| -> Opened {
         Ok((Box::new(software(layers, pictures.size_px, options)?), format!("cpu, {} threads{why}", options.threads)))
     };
     #[cfg(feature = "gpu")]
-    let (is_lent, mut gpu) =
-        (device.is_lent(), |preference| gpu_backend::open(preference, device, layers, pictures, options));
+    let is_lent = device.is_lent();
+    #[cfg(feature = "gpu")]
+    let mut gpu = |preference| -> Opened {
+        let (renderer, line) = gpu_backend::open(preference, device, layers, pictures, options)?;
+        Ok((Box::new(renderer), line))
+    };
     #[cfg(not(feature = "gpu"))]
     let _ = (device, pictures.has_expressions);
     match options.backend {

@@ -9,7 +9,7 @@ const MAX_IN_A_ROW: u32 = 3;
 /// Counter of lost GPU devices.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Losses {
-    total: u32,
+    pub(crate) total: u32,
     /// Since the last picture.
     in_a_row: u32,
 }
@@ -35,9 +35,5 @@ impl Losses {
     /// Records a drawn picture, which ends a row of losses.
     pub(crate) fn picture(&mut self) {
         self.in_a_row = 0;
-    }
-
-    pub(crate) fn total(&self) -> u32 {
-        self.total
     }
 }

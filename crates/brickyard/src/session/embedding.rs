@@ -99,7 +99,7 @@ impl Session {
     /// Has the session's own texture show a frame, or draws some rows of it.
     fn show(&mut self, frame: &Frame, rows: Option<Range<u32>>) -> Result<Drawn, SessionError> {
         self.renderer()?;
-        let Some(fit) = self.fit.as_mut().filter(|_| frame.is_of(self.steps)) else {
+        let Some(fit) = self.fit.as_mut().filter(|_| frame.step == self.steps) else {
             return Err(SessionError::Superseded);
         };
         fit.hear()?;
@@ -121,13 +121,13 @@ impl Session {
             return Ok(Drawn::Partly);
         }
         let lacks_layers = fit.lacks_layers();
-        self.shown = Some(ShownPicture::on_device(frame.clone()));
+        self.shown = Some(ShownPicture { frame: frame.clone(), pixels: None });
         Ok(is_whole(lacks_layers))
     }
 
     /// The frame that the session's own texture shows; `None` while it shows nothing.
     fn on_texture(&self) -> Option<&Frame> {
-        self.shown.as_ref().filter(|shown| shown.is_on_device()).map(ShownPicture::frame)
+        self.shown.as_ref().filter(|shown| shown.is_on_device()).map(|shown| &shown.frame)
     }
 
     /// Asks for the pixels of the picture that the session's own texture shows, without waiting; [`Session::picture`]

@@ -14,7 +14,7 @@ mod shown;
 use crate::session::backend::{self, BackendError, Pictures, Renderer, layer_needs};
 use crate::session::device::Device;
 use crate::session::options::SessionOptions;
-use crate::session::resolve::{HiddenLayer, ResolvedLayer, ResolvedScene, slot_contents};
+use crate::session::resolve::{ResolvedLayer, ResolvedScene, slot_contents};
 use crate::session::session_error::SessionError;
 use crate::session::volume_source::VolumeSource;
 use brickyard_pager::{
@@ -52,8 +52,7 @@ impl Demand {
     /// Returns the demand of a scene. In a live session it includes the hidden layers, which keep their coarsest
     /// bricks.
     pub(crate) fn of(scene: &ResolvedScene, is_live: bool) -> Self {
-        let hidden = scene.hidden.iter().filter(|_| is_live).map(DemandLayer::hidden);
-        let mut layers: Vec<_> = scene.layers.iter().map(DemandLayer::shown).chain(hidden).collect();
+        let mut layers: Vec<_> = DemandLayer::all(scene, is_live).collect();
         layers.sort_unstable_by_key(|layer| layer.place);
         let whole = scene.layers[0].view.rays.whole();
         let room = |px: u32| if is_live { px.div_ceil(LIVE_SIZE_PX) * LIVE_SIZE_PX } else { px };
@@ -93,18 +92,16 @@ struct DemandLayer {
 }
 
 impl DemandLayer {
-    fn shown(layer: &ResolvedLayer) -> Self {
-        let (encoding, codes) = (layer.frames[0].settings.encoding.of_slots(), layer.codes.clone());
-        Self { place: layer.place, volume: layer.volume, encoding, codes }
-    }
-
-    fn hidden(layer: &HiddenLayer) -> Self {
-        let (encoding, codes) = (layer.encoding.of_slots(), layer.codes.clone());
-        Self { place: layer.place, volume: layer.volume, encoding, codes }
-    }
-
-    fn contents(&self) -> SlotContents {
-        slot_contents(&self.encoding, self.codes.as_ref())
+    /// The shown layers of a scene, then its hidden ones, if asked for.
+    fn all(scene: &ResolvedScene, has_hidden: bool) -> impl Iterator<Item = Self> {
+        let shown = scene.layers.iter();
+        let shown = shown.map(|own| (own.place, own.volume, &own.frames[0].settings.encoding, &own.codes));
+        let hidden = scene.hidden.iter().filter(move |_| has_hidden);
+        let hidden = hidden.map(|own| (own.place, own.volume, &own.encoding, &own.codes));
+        shown.chain(hidden).map(|(place, volume, encoding, codes)| {
+            let (encoding, codes) = (encoding.of_slots(), codes.clone());
+            Self { place, volume, encoding, codes }
+        })
     }
 }
 
@@ -146,15 +143,17 @@ impl Fit {
         volumes: &[VolumeSource],
         demand: Demand,
         options: &SessionOptions,
-        (device, kept): (&mut Device, &mut Vec<KeptCores>),
+        device: &mut Device,
+        kept: &mut Vec<KeptCores>,
     ) -> Result<Self, SessionError> {
         let sources: Vec<_> = demand.layers.iter().map(|layer| volumes[layer.volume].source.clone()).collect();
         let needs = demand.layers.iter().zip(&sources);
         let needs = needs.map(|(layer, source)| layer_needs(&**source, layer.encoding, demand.bricks, options.live));
         let needs: Vec<VolumeNeeds> = needs.collect();
-        let contents: Vec<SlotContents> = demand.layers.iter().map(DemandLayer::contents).collect();
+        let contents = demand.layers.iter().map(|layer| slot_contents(&layer.encoding, layer.codes.as_ref()));
+        let contents: Vec<SlotContents> = contents.collect();
         let (backend, backend_line) = backend::open(device, &needs, &demand.pictures, options)?;
-        let pools = match pools_of(&needs, (&sources, &contents), &*backend, options, kept) {
+        let pools = match pools_of(&needs, &sources, &contents, &*backend, options, kept) {
             Ok(pools) => pools,
             Err(error) => {
                 backend::end(backend, device, false);
@@ -176,8 +175,7 @@ impl Fit {
 
     pub(crate) fn suffices(&self, scene: &ResolvedScene, asked: &Demand) -> bool {
         let Demand { bricks, pictures: Pictures { size_px, has_expressions }, .. } = self.demand;
-        let shown = scene.layers.iter().map(DemandLayer::shown);
-        let of_scene: Vec<_> = shown.chain(scene.hidden.iter().map(DemandLayer::hidden)).collect();
+        let of_scene: Vec<_> = DemandLayer::all(scene, true).collect();
         asked.layers.iter().all(|layer| self.layers.iter().any(|own| own.asked == *layer))
             && self.layers.iter().all(|own| of_scene.contains(&own.asked))
             && bricks.satisfy(&asked.bricks)
@@ -199,25 +197,17 @@ impl Fit {
         self.pools.into_iter().flat_map(|pool| pool.pager.into_cores()).collect()
     }
 
-    /// Returns a scene's view for each layer of the fit, hidden layers included.
-    pub(crate) fn views(&self, scene: &ResolvedScene) -> Vec<View> {
+    /// Returns a scene's view for each layer of the fit, hidden layers included, at a step of the scene's timeline.
+    pub(crate) fn views_at(&self, scene: &ResolvedScene, ShownStep { step, level_bias }: ShownStep) -> Vec<View> {
+        let shown = scene.layers.iter().map(|layer| (layer.place, &layer.view));
+        let all = shown.chain(scene.hidden.iter().map(|layer| (layer.place, &layer.view)));
         let view = |own: &FitLayer| {
-            let shown = scene.layers.iter().find(|layer| layer.place == own.asked.place).map(|layer| &layer.view);
-            let hidden = || scene.hidden.iter().find(|layer| layer.place == own.asked.place).map(|layer| &layer.view);
-            shown.or_else(hidden).cloned()
+            let (_, view) = all.clone().find(|(place, _)| *place == own.asked.place)?;
+            let time = scene.timeline.step_of(own.asked.volume, step);
+            Some(View { time, pixel_error: view.pixel_error * level_bias.exp2(), ..view.clone() })
         };
         // Complete for a scene within the fit.
         self.layers.iter().filter_map(view).collect()
-    }
-
-    /// Returns the views of [`Fit::views`] at another step of the scene's timeline.
-    pub(crate) fn views_at(&self, scene: &ResolvedScene, ShownStep { step, level_bias }: ShownStep) -> Vec<View> {
-        let mut views = self.views(scene);
-        for (view, own) in views.iter_mut().zip(&self.layers) {
-            view.time = scene.timeline.step_of(own.asked.volume, step);
-            view.pixel_error *= level_bias.exp2();
-        }
-        views
     }
 
     /// Streams one step towards `views`, one for each layer: collects bricks, plans and uploads. `coming` are the next
@@ -292,10 +282,7 @@ impl Fit {
             let layers = drawn(own, scene, eye);
             let picture = backend.render(&layers, scene.combination.as_ref())?;
             for (i, seen) in seen.iter_mut().enumerate() {
-                *seen = match (seen.take(), backend.visibility(i)) {
-                    (Some(seen), Some(by_eye)) => Some([&seen, by_eye].concat()),
-                    _ => None,
-                };
+                *seen = seen.take().zip(backend.visibility(i)).map(|(seen, by_eye)| [&seen, by_eye].concat());
             }
             Ok::<_, BackendError>(picture)
         })?;
@@ -361,7 +348,8 @@ static NOTHING: DrawList = DrawList { cells: Vec::new() };
 /// Creates the pools of layers with these needs, all within the host budget.
 fn pools_of(
     needs: &[VolumeNeeds],
-    (sources, contents): (&[Arc<dyn BrickSource>], &[SlotContents]),
+    sources: &[Arc<dyn BrickSource>],
+    contents: &[SlotContents],
     backend: &dyn Renderer,
     options: &SessionOptions,
     kept: &mut Vec<KeptCores>,

@@ -42,13 +42,6 @@ impl Frame {
     }
 }
 
-#[cfg(feature = "gpu")]
-impl Frame {
-    pub(crate) fn is_of(&self, step: u64) -> bool {
-        self.step == step
-    }
-}
-
 /// The drawn part of a frame.
 #[cfg(feature = "gpu")]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

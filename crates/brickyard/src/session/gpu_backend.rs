@@ -17,21 +17,6 @@ pub(crate) fn open(
     preference: GpuPreference,
     device: &mut Device,
     layers: &[VolumeNeeds],
-    pictures: &Pictures,
-    options: &SessionOptions,
-) -> Result<(Box<dyn Renderer>, String), BackendError> {
-    let (renderer, line) = open_gpu(preference, device, layers, pictures, options)?;
-    Ok((Box::new(renderer), line))
-}
-
-/// Creates a GPU renderer like [`open`].
-///
-/// # Errors
-/// The errors of [`open`].
-pub(crate) fn open_gpu(
-    preference: GpuPreference,
-    device: &mut Device,
-    layers: &[VolumeNeeds],
     &Pictures { size_px, has_expressions: expressions }: &Pictures,
     options: &SessionOptions,
 ) -> Result<(GpuRenderer, String), BackendError> {

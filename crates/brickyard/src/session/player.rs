@@ -28,7 +28,7 @@ pub(crate) struct Player {
     /// The last scene's step.
     asked: u32,
     /// The coming steps at the last step of streaming.
-    coming: Vec<ComingStep>,
+    pub(crate) coming: Vec<ComingStep>,
 }
 
 impl Player {
@@ -59,10 +59,6 @@ impl Player {
         let turned = (clock.shown(), clock.coming().collect());
         self.clock = Some((clock, steps));
         turned
-    }
-
-    pub(crate) fn note(&mut self, coming: Vec<ComingStep>) {
-        self.coming = coming;
     }
 
     /// Forgets the readiness of steps, after the slots have lost their bricks.

@@ -5,6 +5,7 @@ use crate::session::session_error::SessionError;
 use crate::session::volume_source::VolumeSource;
 use brickyard_pager::{Caps, SlotContents, View};
 use brickyard_volume::lattice::MAX_ZONES;
+use brickyard_volume::layer::label_codes;
 use brickyard_volume::{
     Camera, Clip, Combination, Expression, Filter, FrameSettings, Geometry, KeptSlots, LabelCodes, Lattice, LayerError,
     Level, LevelGrid, LevelPolicy, LightingModel, Mode, Needs, Occupancy, Picture, PixelSample, PixelSamples,
@@ -201,8 +202,8 @@ impl Eyes {
 /// # Errors
 /// If the scene is invalid ([`Scene::check`]), or its camera is.
 pub fn resolve(volumes: &[VolumeSource], scene: &Scene, size_px: (u32, u32)) -> Result<ResolvedScene, SessionError> {
-    let table = |_, transfer: &TransferFunction, encoding: &_| TransferTable::new(transfer, encoding).into();
-    resolve_with(volumes, scene, size_px, (table, |_, _| KeptSlots::default()))
+    let table = |_, _, transfer: &TransferFunction, encoding: &_| TransferTable::new(transfer, encoding).into();
+    resolve_with(volumes, scene, size_px, table, |_, _| KeptSlots::default())
 }
 
 /// Resolves a scene like [`resolve`], with transfer tables from `table`, given a store's place and channel, a transfer
@@ -211,15 +212,14 @@ pub(crate) fn resolve_with(
     volumes: &[VolumeSource],
     scene: &Scene,
     size_px: (u32, u32),
-    (table, kept): (
-        impl Fn((usize, u32), &TransferFunction, &SlotEncoding) -> Arc<TransferTable>,
-        impl Fn(usize, usize) -> KeptSlots,
-    ),
+    table: impl Fn(usize, u32, &TransferFunction, &SlotEncoding) -> Arc<TransferTable>,
+    kept: impl Fn(usize, usize) -> KeptSlots,
 ) -> Result<ResolvedScene, SessionError> {
     let counts: Vec<StoreCounts> = volumes.iter().map(VolumeSource::counts).collect();
     scene.check(&counts)?;
     let mut shown = shown_layers(volumes, scene)?;
-    let combination = combination(volumes, scene)?;
+    let combination =
+        expression_look(volumes, scene)?.map(|(read, transfer)| Combination::new(read.of_its_own(), transfer));
     if let Some(combination) = &combination {
         let windows: Vec<[f64; 2]> =
             shown.iter().map(|layer| layer.volume.source.channel_range(layer.style.channel).into()).collect();
@@ -235,14 +235,11 @@ pub(crate) fn resolve_with(
     let lattice = lattice(&shown, scene, &eyes.rays[0]);
     let is_shown = |place: &usize| shown.iter().any(|layer| layer.place == *place);
     let hidden = (0..scene.layers.len()).filter(|place| !is_shown(place));
-    let hidden = hidden.map(|place| {
-        let volume = scene.store(place);
-        hidden_layer((place, volume), &volumes[volume], scene, &eyes, kept(place, volume))
-    });
+    let hidden = hidden.map(|place| hidden_layer(place, volumes, scene, &eyes, kept(place, scene.store(place))));
     let hidden = hidden.collect::<Result<_, _>>()?;
     let layers = shown.into_iter().map(|layer| {
         let kept = kept(layer.place, layer.store);
-        layer.resolve(scene, &eyes, lattice, (&table, kept))
+        layer.resolve(scene, &eyes, lattice, &table, kept)
     });
     let mut layers = layers.collect::<Result<Vec<ResolvedLayer>, _>>()?;
     if layers.len() > 1 || combination.is_some() {
@@ -315,7 +312,7 @@ fn shown_layers<'a>(volumes: &'a [VolumeSource], scene: &Scene) -> Result<Vec<Sh
         let volume = &volumes[store];
         let refused = |error| SceneError::Layer { layer: place, error };
         let function = volume.function(layer).map_err(refused)?;
-        let codes = volume.label_codes(layer.channel, &function).map_err(refused)?;
+        let codes = label_codes(&function, &volume.encoding(layer.channel)).map_err(refused)?;
         if scene.expression.is_some() && codes.is_some() {
             return Err(refused(LayerError::HashedLabels));
         }
@@ -340,12 +337,6 @@ fn window_of(function: &TransferFunction, layer: &SceneLayer, scene: &Scene, vol
     Window::new(function, &layer.isosurfaces, scene.mode).or_else(|| has_gradients.then(of_values))
 }
 
-/// Returns the expression over the layers, if any, with its transfer function.
-fn combination(volumes: &[VolumeSource], scene: &Scene) -> Result<Option<Combination>, SceneError> {
-    let look = expression_look(volumes, scene)?;
-    Ok(look.map(|(read, transfer)| Combination::new(read.of_its_own(), transfer)))
-}
-
 /// Returns the scene's expression, if any, and its look: the scene's, or by default a gray ramp over all possible
 /// values.
 ///
@@ -363,15 +354,9 @@ pub(crate) fn expression_look(
     Ok(Some((read, transfer)))
 }
 
-fn hidden_layer(
-    (place, volume): (usize, usize),
-    source: &VolumeSource,
-    scene: &Scene,
-    eyes: &Eyes,
-    kept: KeptSlots,
-) -> Result<HiddenLayer, SceneError> {
-    let layer = &*scene.look(place);
-    let view = View {
+/// Returns the view of a layer in which it is clear, at any level.
+fn clear_view(scene: &Scene, eyes: &Eyes, channel: u32, placement: Placement) -> View {
+    View {
         rays: eyes.rays[0],
         other_eye: eyes.rays.get(1).copied(),
         opaque: Some(Occupancy::NONE),
@@ -380,15 +365,27 @@ fn hidden_layer(
         level: LevelPolicy::Auto,
         pixel_error: scene.pixel_error,
         time: scene.time,
-        channel: layer.channel,
+        channel,
         clip: None,
-        placement: scene.placement(place, &source.place())?,
+        placement,
         appearance: 0,
         window: None,
-    };
+    }
+}
+
+fn hidden_layer(
+    place: usize,
+    volumes: &[VolumeSource],
+    scene: &Scene,
+    eyes: &Eyes,
+    kept: KeptSlots,
+) -> Result<HiddenLayer, SceneError> {
+    let (layer, volume) = (&*scene.look(place), scene.store(place));
+    let source = &volumes[volume];
+    let view = clear_view(scene, eyes, layer.channel, scene.placement(place, &source.place())?);
     // As if shown, so the same slots serve when it is. A look that cannot be made is refused then.
     let function = source.function(layer).ok();
-    let codes = function.as_ref().and_then(|function| source.label_codes(layer.channel, function).ok().flatten());
+    let codes = function.as_ref().and_then(|look| label_codes(look, &source.encoding(layer.channel)).ok().flatten());
     let window = function.and_then(|function| window_of(&function, layer, scene, source));
     let encoding = source.encoding(layer.channel).for_window(window, kept);
     let codes = encoding.is_hashed.then(|| Arc::new(codes.unwrap_or_default()));
@@ -499,7 +496,8 @@ impl ShownLayer<'_> {
         scene: &Scene,
         eyes: &Eyes,
         lattice: Lattice,
-        (table, kept): (impl FnOnce((usize, u32), &TransferFunction, &SlotEncoding) -> Arc<TransferTable>, KeptSlots),
+        table: impl FnOnce(usize, u32, &TransferFunction, &SlotEncoding) -> Arc<TransferTable>,
+        kept: KeptSlots,
     ) -> Result<ResolvedLayer, SceneError> {
         let Self { place, store, volume, placement, style, transfer, window, codes } = self;
         let SceneLayer { channel, crop, opacity, .. } = style;
@@ -531,28 +529,21 @@ impl ShownLayer<'_> {
                 (encoding, encoding.floats.map(|_| opaque(transfer.unit_distance)))
             }
         };
-        let table = table((store, channel), shown.as_ref().unwrap_or(&transfer), &encoding);
+        let table = table(store, channel, shown.as_ref().unwrap_or(&transfer), &encoding);
         let surfaces = Surface::all(&style.isosurfaces, &transfer, &encoding);
         let meshes = scene.shown_meshes()?;
-        let (opaque, inside) = bins_seen(volume, channel, scene.mode, &transfer, (&table, &encoding), &surfaces);
+        let (opaque, inside) = bins_seen(volume, channel, scene.mode, &transfer, &table, &encoding, &surfaces);
         let view = View {
-            rays,
-            other_eye: eyes.rays.get(1).copied(),
             opaque,
             caps: scene.has_caps().then(|| Caps { bins: inside, lattice: lattice.with_longer_steps(MAX_STEP) }),
-            filter: scene.sampling.filter,
             level: match scene.level {
                 // The coarsest level of a volume without this one.
                 LevelPolicy::Locked(level) => LevelPolicy::Locked(level.min(volume.source.pyramid().coarsest().0)),
                 LevelPolicy::Auto => LevelPolicy::Auto,
             },
-            pixel_error: scene.pixel_error,
-            time: scene.time,
-            channel,
             clip: clip.clone(),
-            placement,
-            appearance: appearance((&table, &encoding), &transfer, scene, &style, &meshes),
-            window: None,
+            appearance: appearance(&table, &encoding, &transfer, scene, &style, &meshes),
+            ..clear_view(scene, eyes, channel, placement)
         };
         let settings = FrameSettings {
             rays,
@@ -597,7 +588,8 @@ fn bins_seen(
     channel: u32,
     mode: Mode,
     transfer: &TransferFunction,
-    (table, encoding): (&TransferTable, &SlotEncoding),
+    table: &TransferTable,
+    encoding: &SlotEncoding,
     surfaces: &[Surface],
 ) -> (Option<Occupancy>, Occupancy) {
     // Quantisation moves a value by half a code.
@@ -616,7 +608,8 @@ fn bins_seen(
 
 /// Hashes everything in a picture on which the occlusion of bricks by others depends.
 fn appearance(
-    (table, encoding): (&TransferTable, &SlotEncoding),
+    table: &TransferTable,
+    encoding: &SlotEncoding,
     transfer: &TransferFunction,
     scene: &Scene,
     style: &SceneLayer,

@@ -4,7 +4,7 @@
 
 use crate::session::volume_source::VolumeSource;
 use brickyard_volume::numbers::significant;
-use brickyard_volume::{Extent, Geometry, Placement, Scene};
+use brickyard_volume::{Extent, Scene};
 use glam::DVec3;
 
 /// Tolerated relative difference of voxel sizes, as files round them.
@@ -106,11 +106,9 @@ fn metres(unit: &str) -> Option<f64> {
 
 /// Returns the rows of the map from the world of `other` to the world of `one` that brings voxels to voxels.
 fn onto(one: &VolumeSource, other: &VolumeSource) -> [[f64; 4]; 3] {
-    let (to, from): ((&Geometry, Placement), (&Geometry, Placement)) =
-        ((one.source.geometry(), one.place().placement), (other.source.geometry(), other.place().placement));
     let map = |point: DVec3| {
-        let voxel = from.0.voxel_from_world(from.1.volume_from_world(point));
-        to.1.world_from_volume(to.0.world_from_voxel(voxel))
+        let voxel = other.source.geometry().voxel_from_world(other.place().placement.volume_from_world(point));
+        one.place().placement.world_from_volume(one.source.geometry().world_from_voxel(voxel))
     };
     let origin = map(DVec3::ZERO);
     let columns = DVec3::AXES.map(|axis| map(axis) - origin);
@@ -153,7 +151,7 @@ impl std::fmt::Display for UnlikeSizes {
 mod tests {
     use super::*;
     use brickyard_pager::{BrickError, BrickSource};
-    use brickyard_volume::{BrickId, Pyramid, SceneLayer, VoxelType};
+    use brickyard_volume::{BrickId, Geometry, Placement, Pyramid, SceneLayer, VoxelType};
     use std::sync::Arc;
 
     struct Nothing(Pyramid, Geometry);

@@ -4,11 +4,10 @@ use crate::session::table_cache::VolumeTables;
 use brickyard_pager::{BrickSource, encoding_of};
 use brickyard_store::{ChannelDisplay, ChannelStatistics, Downsample, OpenError, Store};
 use brickyard_volume::channel::default_color;
-use brickyard_volume::layer::label_codes;
 use brickyard_volume::scene::VolumePlace;
 use brickyard_volume::{
-    Extent, Extreme, LabelCodes, LayerError, Mode, Orientation, Placement, PlacementError, Scene, SceneLayer,
-    SlotEncoding, StoreCounts, Subject, TimeAxis, Timeline, TransferFunction, VolumeTime,
+    Extent, Extreme, LayerError, Mode, Orientation, Placement, PlacementError, Scene, SceneLayer, SlotEncoding,
+    StoreCounts, Subject, TimeAxis, Timeline, TransferFunction, VolumeTime,
 };
 use std::path::Path;
 use std::sync::Arc;
@@ -55,14 +54,12 @@ impl VolumeSource {
             window: source.channel_range(channel),
             is_visible: true,
         };
-        let displays = (0..channels).map(display).collect();
-        let (statistics, placement) = (Vec::new(), Placement::default());
         Self {
+            displays: (0..channels).map(display).collect(),
             source,
-            displays,
-            statistics,
+            statistics: Vec::new(),
             orientation: None,
-            placement,
+            placement: Placement::default(),
             store: None,
             name: None,
             time_axis: None,
@@ -125,16 +122,12 @@ impl VolumeSource {
     /// Creates a volume from an open store, with the default windows of the store's channels.
     pub fn of_store(store: &Arc<Store>) -> Self {
         Self {
-            source: store.clone(),
             displays: store.channel_displays().to_vec(),
-            statistics: Vec::new(),
             orientation: store.info().orientation,
             placement: *store.placement(),
             store: Some(store.clone()),
-            name: None,
             time_axis: store.time_axis().cloned().map(Arc::new),
-            held_bytes: 0,
-            stride: [1; 3],
+            ..Self::new(store.clone())
         }
     }
 
@@ -235,15 +228,6 @@ impl VolumeSource {
             colors.extend_from_slice(own);
         }
         Ok(function)
-    }
-
-    /// Returns the codes of a channel's labels for a function; `None` if all functions share the same codes.
-    pub(crate) fn label_codes(
-        &self,
-        channel: u32,
-        function: &TransferFunction,
-    ) -> Result<Option<LabelCodes>, LayerError> {
-        label_codes(function, &self.encoding(channel))
     }
 
     pub(crate) fn default_window(&self, channel: u32) -> (f64, f64) {

@@ -116,11 +116,8 @@ impl<T: Send + 'static, E: std::error::Error + Send + 'static> Background<T, E> 
 
     /// Takes the work's result without waiting; `None` before its end, and if taken already.
     pub fn poll(&mut self) -> Option<Result<T, BackgroundError<E>>> {
-        let is_over = match self.thread.as_ref()? {
-            Ok(thread) => thread.is_finished(),
-            Err(_) => true,
-        };
-        is_over.then(|| self.wait()).flatten()
+        let is_running = self.thread.as_ref()?.as_ref().is_ok_and(|thread| !thread.is_finished());
+        if is_running { None } else { self.wait() }
     }
 
     /// Waits for the work's result; `None` if taken already.

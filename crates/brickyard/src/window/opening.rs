@@ -151,46 +151,42 @@ impl Opening {
 
     /// Returns news, without waiting. Volumes take the name of the path.
     pub fn poll(&mut self) -> Option<News> {
-        Some(match self.news()? {
+        let news = match &mut self.work {
+            Work::Nothing => News::Store(self.follower.as_ref()?.poll()?),
+            Work::Reading(reading) => {
+                let found = reading.poll()?;
+                self.work = Work::Nothing;
+                match found {
+                    Ok(Found::Store(volume)) => News::Store(*volume),
+                    Ok(Found::Files(files)) => self.begin_packing(files),
+                    Err(error) => News::Stopped(error.into()),
+                }
+            }
+            Work::Packing(packing) => {
+                let packed = packing.poll()?;
+                self.work = Work::Nothing;
+                match packed {
+                    Ok(volume) => {
+                        self.close_preview();
+                        News::Store(volume)
+                    }
+                    Err(error) => News::Stopped(error.into()),
+                }
+            }
+        };
+        Some(match news {
             News::Preview(volume) => News::Preview(volume.named(&self.name)),
             News::Store(volume) => {
-                if self.follower.is_none() {
-                    self.follow(&volume);
-                }
+                self.follow(&volume);
                 News::Store(volume.named(&self.name))
             }
             News::Stopped(error) => News::Stopped(error),
         })
     }
 
-    fn news(&mut self) -> Option<News> {
-        match &mut self.work {
-            Work::Nothing => self.follower.as_ref()?.poll().map(News::Store),
-            Work::Reading(reading) => {
-                let found = reading.poll()?;
-                self.work = Work::Nothing;
-                Some(match found {
-                    Ok(Found::Store(volume)) => News::Store(*volume),
-                    Ok(Found::Files(files)) => self.begin_packing(files),
-                    Err(error) => News::Stopped(error.into()),
-                })
-            }
-            Work::Packing(packing) => {
-                let packed = packing.poll()?;
-                self.work = Work::Nothing;
-                Some(match packed {
-                    Ok(volume) => {
-                        self.close_preview();
-                        News::Store(volume)
-                    }
-                    Err(error) => News::Stopped(error.into()),
-                })
-            }
-        }
-    }
-
+    /// Follows a store, unless it is followed already.
     fn follow(&mut self, volume: &VolumeSource) {
-        let Some(store) = volume.store() else { return };
+        let Some(store) = volume.store().filter(|_| self.follower.is_none()) else { return };
         match Follower::start(store) {
             Ok(follower) => self.follower = follower,
             Err(error) => tracing::warn!("the store is not followed: {error}"),

@@ -65,12 +65,12 @@ impl Picker {
 
     /// Bytes of the kept decoded bricks.
     pub fn bytes(&self) -> u64 {
-        self.cores.bytes()
+        self.cores.bytes
     }
 
     /// Bricks decoded so far.
     pub fn decoded(&self) -> u64 {
-        self.cores.decoded()
+        self.cores.decoded
     }
 
     /// Picks at a place of a scene's picture (pixel `(i, j)` has its centre at `(i + 0.5, j + 0.5)`), for the left eye
@@ -101,22 +101,16 @@ impl Picker {
             return Ok(None);
         }
         let hit = match first.frames[0].settings.mode {
-            _ if scene.slice.is_some() => self.flat(scene, &ways, volumes, &ray)?,
+            _ if scene.slice.is_some() => self.flat(scene, &ways, &ray)?,
             Mode::Dvr | Mode::Isosurface => march::seen_through(&ways, scene.combination.as_ref(), &mut self.cores)?,
-            _ if scene.mode.extreme().is_none() => self.flat(scene, &ways, volumes, &ray)?,
+            _ if scene.mode.extreme().is_none() => self.flat(scene, &ways, &ray)?,
             _ => brightest(&ways, march::extremes(&ways, &mut self.cores)?),
         };
-        hit.map(|hit| self.picked(&ways, volumes, &ray, hit)).transpose()
+        hit.map(|hit| self.picked(&ways, &ray, hit)).transpose()
     }
 
     /// Returns the point of a slice, or the one nearest to the camera's target.
-    fn flat(
-        &mut self,
-        scene: &ResolvedScene,
-        ways: &[Way<'_>],
-        volumes: &[VolumeSource],
-        ray: &Ray,
-    ) -> Result<Option<Hit>, BrickError> {
+    fn flat(&mut self, scene: &ResolvedScene, ways: &[Way<'_>], ray: &Ray) -> Result<Option<Hit>, BrickError> {
         let t = match &scene.slice {
             Some(slice) => (slice.point - ray.origin).dot(slice.normal) / ray.direction.dot(slice.normal),
             None => (scene.camera.target - ray.origin).dot(ray.direction),
@@ -125,7 +119,7 @@ impl Picker {
         for (i, way) in ways.iter().enumerate() {
             let hit = Hit { t: if t.is_finite() { way.clamped(t) } else { way.stretch[0] }, way: i };
             let channel = way.layer.view.channel as usize;
-            let value = self.probe(way, volumes, hit.t)?.values[channel];
+            let value = self.probe(way, hit.t)?.values[channel];
             let (is_over, is_labels) = (way.layer.frames[0].blend == Blend::Over, way.settings.encoding.is_labels);
             let is_shown = !value.is_nan() && (!is_labels || way.layer.transfer.alpha(value) > 0.0);
             let rank = if is_shown { 1 + u8::from(is_over) } else { 0 };
@@ -136,30 +130,23 @@ impl Picker {
         Ok(best.map(|(_, hit)| hit))
     }
 
-    fn picked(
-        &mut self,
-        ways: &[Way<'_>],
-        volumes: &[VolumeSource],
-        ray: &Ray,
-        Hit { t, way }: Hit,
-    ) -> Result<Pick, BrickError> {
+    fn picked(&mut self, ways: &[Way<'_>], ray: &Ray, Hit { t, way }: Hit) -> Result<Pick, BrickError> {
         let others = (0..ways.len()).filter(|&other| other != way);
         let mut values: Vec<PickedValues> = Vec::new();
         for way in std::iter::once(way).chain(others).map(|i| &ways[i]) {
             let is_there = (way.stretch[0]..=way.stretch[1]).contains(&t);
             if is_there && values.iter().all(|known| known.volume != way.layer.volume) {
                 let (layer, volume) = (way.layer.place, way.layer.volume);
-                values.push(PickedValues { layer, volume, probe: self.probe(way, volumes, t)? });
+                values.push(PickedValues { layer, volume, probe: self.probe(way, t)? });
             }
         }
         let layer = ways[way].layer.place;
         Ok(Pick { point: ray.origin + ray.direction * t, distance: t, layer, values })
     }
 
-    fn probe(&mut self, way: &Way<'_>, volumes: &[VolumeSource], t: f64) -> Result<Probe, BrickError> {
-        let (place, volume) = (way.layer.volume, &volumes[way.layer.volume]);
-        let read = |id| self.cores.read(place, &*volume.source, id);
-        probe_voxel_by(volume, way.layer.view.time, way.voxel(t), read)
+    fn probe(&mut self, way: &Way<'_>, t: f64) -> Result<Probe, BrickError> {
+        let read = |id| self.cores.read(way.layer.volume, &*way.volume.source, id);
+        probe_voxel_by(way.volume, way.layer.view.time, way.voxel(t), read)
     }
 }
 

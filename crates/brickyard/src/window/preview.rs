@@ -138,10 +138,9 @@ impl Preview {
         let step_bytes = LevelBricks::bytes(&self.pyramid, info.voxel_type);
         let kept = self.kept().cap().get() as u64;
         let is_all_kept = info.times == 1 && kept >= u64::from(info.channels);
+        let reading = making_bytes(info, step_bytes) + self.threads() * self.source.reader_bytes();
         // A complete preview reads nothing any more.
-        let making = if is_all_kept { 0 } else { making_bytes(info, step_bytes) };
-        let reading = if is_all_kept { 0 } else { self.threads() * self.source.reader_bytes() };
-        kept * step_bytes + making + reading
+        kept * step_bytes + if is_all_kept { 0 } else { reading }
     }
 
     /// Returns the bricks of one channel at one time step, from memory or from the source.

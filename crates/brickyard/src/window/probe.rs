@@ -2,10 +2,10 @@
 //! brick for each channel.
 
 use crate::session::volume_source::VolumeSource;
-use brickyard_pager::BrickError;
+use brickyard_pager::{BrickError, BrickSource};
 use brickyard_volume::{BrickId, BrickIndex, Level, Placement};
 use glam::DVec3;
-use std::borrow::Borrow;
+use std::sync::Arc;
 
 /// The values of all channels of a volume in one voxel of the finest level.
 #[derive(Clone, Debug, PartialEq)]
@@ -41,20 +41,24 @@ pub fn probe(volume: &VolumeSource, time: u32, world: DVec3) -> Result<Option<Pr
 /// # Panics
 /// If there is no such voxel or time step.
 pub fn probe_voxel(volume: &VolumeSource, time: u32, voxel: [u32; 3]) -> Result<Probe, BrickError> {
-    let source = &*volume.source;
-    let read = |id| {
-        let mut core = vec![0; (source.pyramid().edge() as usize).pow(3) * source.voxel_type().bytes()];
-        source.read_core(id, &mut core).map(|()| core)
-    };
-    probe_voxel_by(volume, time, voxel, read)
+    probe_voxel_by(volume, time, voxel, |id| read_core(&*volume.source, id))
+}
+
+/// Reads the core of a brick, in the volume's own voxel type.
+pub(crate) fn read_core(source: &dyn BrickSource, id: BrickId) -> Result<Arc<[u8]>, BrickError> {
+    let bytes = (source.pyramid().edge() as usize).pow(3) * source.voxel_type().bytes();
+    let mut core: Arc<[u8]> = std::iter::repeat_n(0, bytes).collect();
+    // It has one holder, so the copy never happens.
+    source.read_core(id, Arc::make_mut(&mut core))?;
+    Ok(core)
 }
 
 /// Reads a voxel of level 0 in a time step, from cores returned by `read`.
-pub(crate) fn probe_voxel_by<B: Borrow<[u8]>>(
+pub(crate) fn probe_voxel_by(
     volume: &VolumeSource,
     time: u32,
     voxel: [u32; 3],
-    mut read: impl FnMut(BrickId) -> Result<B, BrickError>,
+    mut read: impl FnMut(BrickId) -> Result<Arc<[u8]>, BrickError>,
 ) -> Result<Probe, BrickError> {
     let source = &*volume.source;
     assert!(volume.extent().contains(voxel) && time < source.times(), "no voxel {voxel:?} in step {time}");
@@ -64,7 +68,7 @@ pub(crate) fn probe_voxel_by<B: Borrow<[u8]>>(
     let place = x + edge as usize * (y + edge as usize * z);
     let mut value = |channel| {
         let core = read(BrickId { time, channel, level: Level(0), index })?;
-        let value = voxel_type.read(core.borrow(), place);
+        let value = voxel_type.read(&core, place);
         Ok(if source.nodata() == Some(value) { f64::NAN } else { value })
     };
     let values = (0..source.channels()).map(&mut value).collect::<Result<_, BrickError>>()?;

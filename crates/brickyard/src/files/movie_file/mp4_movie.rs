@@ -45,7 +45,7 @@ impl Mp4Movie {
         let start = |file| Ok(Self { ffmpeg: Ffmpeg::start(&file, size_px, rate)?, file, size_px });
         let mut trial: Self = start(file)?;
         trial.push(&black)?;
-        trial.ffmpeg.finish(trial.file.path())?;
+        trial.ffmpeg.finish(&trial.file.path)?;
         start(trial.file)
     }
 
@@ -54,18 +54,14 @@ impl Mp4Movie {
         let is_even = (picture.width, picture.height) == self.size_px;
         let written =
             if is_even { self.ffmpeg.push(picture) } else { self.ffmpeg.push(&padded(picture, self.size_px)) };
-        match written {
-            Ok(()) => Ok(()),
-            // It has ended, and reports why.
-            Err(source) => {
-                self.ffmpeg.finish(self.file.path())?;
-                Err(MovieError::Write { path: self.file.path().into(), source })
-            }
-        }
+        let Err(source) = written else { return Ok(()) };
+        // It has ended, and reports why.
+        self.ffmpeg.finish(&self.file.path)?;
+        Err(MovieError::Write { path: self.file.path.clone(), source })
     }
 
     pub(super) fn finish(mut self) -> Result<(), MovieError> {
-        let path = self.file.path().to_path_buf();
+        let path = self.file.path.clone();
         self.ffmpeg.finish(&path)?;
         self.file.finish().map_err(|source| MovieError::Write { path, source })
     }
@@ -82,7 +78,7 @@ struct Ffmpeg {
 
 impl Ffmpeg {
     fn start(file: &WholeFile, size_px: (u32, u32), rate: PictureRate) -> Result<Self, MovieError> {
-        let missing = |source| MovieError::NoFfmpeg { path: file.path().into(), source };
+        let missing = |source| MovieError::NoFfmpeg { path: file.path.clone(), source };
         // A bare name with a colon would be taken for a protocol.
         let mut output = OsString::from("file:");
         output.push(file.temporary());
@@ -93,10 +89,8 @@ impl Ffmpeg {
         let said = child.stderr.take().map(|stderr| std::thread::spawn(move || last_of(stderr)));
         let mut ffmpeg = Self { child, pictures: None, said };
         let stdin = ffmpeg.child.stdin.take().ok_or_else(|| missing(io::Error::other("it accepts no input")))?;
-        match Y4mMovie::new(BufWriter::new(stdin), size_px, rate) {
-            Ok(pictures) => ffmpeg.pictures = Some(pictures),
-            Err(source) => return Err(MovieError::Write { path: file.path().into(), source }),
-        }
+        let begun = Y4mMovie::new(BufWriter::new(stdin), size_px, rate);
+        ffmpeg.pictures = Some(begun.map_err(|source| MovieError::Write { path: file.path.clone(), source })?);
         Ok(ffmpeg)
     }
 

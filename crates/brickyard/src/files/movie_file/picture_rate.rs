@@ -35,12 +35,8 @@ impl FromStr for PictureRate {
 
     fn from_str(text: &str) -> Result<Self, String> {
         let expected = || format!("'{text}': expected frames per second, from 0.01 to 1000, as in 24 or 29.97");
-        let rate: f64 = text.trim().parse().map_err(|_| expected())?;
-        if (0.01..=1000.0).contains(&rate) {
-            Ok(Self { per_1000_s: (rate * 1000.0).round() as u32 })
-        } else {
-            Err(expected())
-        }
+        let rate = text.trim().parse().ok().filter(|rate: &f64| (0.01..=1000.0).contains(rate)).ok_or_else(expected)?;
+        Ok(Self { per_1000_s: (rate * 1000.0).round() as u32 })
     }
 }
 

@@ -44,9 +44,9 @@ pub struct Bar {
     name: String,
     /// Number of the other layers.
     others: usize,
-    function: TransferFunction,
+    pub(super) function: TransferFunction,
     /// Round values with their text.
-    ticks: Vec<(f64, String)>,
+    pub(super) ticks: Vec<(f64, String)>,
 }
 
 /// Returns the bars of the visible layers, in the order of each bar's first layer, or of the expression over them, each
@@ -126,16 +126,6 @@ impl Bar {
 
     pub(super) fn title(&self) -> String {
         if self.others == 0 { self.name.clone() } else { format!("{} +{}", self.name, self.others) }
-    }
-
-    #[cfg(test)]
-    pub(super) fn function(&self) -> &TransferFunction {
-        &self.function
-    }
-
-    #[cfg(test)]
-    pub(super) fn tick_texts(&self) -> Vec<&str> {
-        self.ticks.iter().map(|(_, text)| text.as_str()).collect()
     }
 
     /// The width of the bar with its texts, in points.

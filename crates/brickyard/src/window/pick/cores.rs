@@ -1,6 +1,7 @@
 //! Cores of bricks read by picks: an LRU within a byte limit, since most picks are near the previous one.
 
 use crate::session::volume_source::VolumeSource;
+use crate::window::probe::read_core;
 use brickyard_pager::{BrickError, BrickSource};
 use brickyard_volume::BrickId;
 use lru::LruCache;
@@ -9,14 +10,14 @@ use std::sync::{Arc, Weak};
 /// Decoded cores of some volumes' bricks, in one time step.
 pub(super) struct Cores {
     most_bytes: u64,
-    bytes: u64,
+    pub(super) bytes: u64,
     /// Keyed by the volume's place and the brick; in the volumes' own voxel types.
     held: LruCache<(usize, BrickId), Arc<[u8]>>,
     /// The volumes of the cores.
     volumes: Vec<Weak<dyn BrickSource>>,
     time: u32,
     /// Bricks decoded so far.
-    decoded: u64,
+    pub(super) decoded: u64,
 }
 
 impl Cores {
@@ -49,11 +50,9 @@ impl Cores {
         if let Some(core) = self.held.get(&(volume, id)) {
             return Ok(core.clone());
         }
-        let bytes = (source.pyramid().edge() as usize).pow(3) * source.voxel_type().bytes();
-        let mut core: Arc<[u8]> = std::iter::repeat_n(0, bytes).collect();
-        source.read_core(id, Arc::get_mut(&mut core).expect("nobody else holds it yet"))?;
+        let core = read_core(source, id)?;
         self.decoded += 1;
-        self.bytes += bytes as u64;
+        self.bytes += core.len() as u64;
         self.held.put((volume, id), core.clone());
         // The latest one stays, however large it is.
         while self.bytes > self.most_bytes && self.held.len() > 1 {
@@ -61,13 +60,5 @@ impl Cores {
             self.bytes -= oldest.len() as u64;
         }
         Ok(core)
-    }
-
-    pub(super) fn bytes(&self) -> u64 {
-        self.bytes
-    }
-
-    pub(super) fn decoded(&self) -> u64 {
-        self.decoded
     }
 }

@@ -82,35 +82,33 @@ impl<'w, 'a> Search<'w, 'a> {
     }
 }
 
-/// Halvings of light along a ray.
-struct Collected {
-    /// Start of the first segment, and the halvings of light before it.
-    first: (f64, f64),
-    /// End of each segment, the halvings of light up to there, and the segment's most opaque way.
-    ends: Vec<(f64, f64, usize)>,
+/// End of a segment of a ray, the halvings of light up to there, and the segment's most opaque way.
+#[derive(Clone, Copy)]
+struct End {
+    t: f64,
+    depth: f64,
+    way: usize,
 }
+
+/// Halvings of light along a ray: the start of the first segment, and the end of each.
+struct Collected(Vec<End>);
 
 impl Collected {
     fn depth(&self) -> f64 {
-        self.ends.last().map_or(self.first.1, |(_, depth, _)| *depth)
-    }
-
-    fn start(&self, segment: usize) -> (f64, f64) {
-        segment.checked_sub(1).map_or(self.first, |before| (self.ends[before].0, self.ends[before].1))
+        self.0.last().map_or(0.0, |end| end.depth)
     }
 
     fn depth_at(&self, t: f64) -> f64 {
-        let next = self.ends.partition_point(|(end, ..)| *end < t).min(self.ends.len() - 1);
-        let ((start, before), (end, after, _)) = (self.start(next), self.ends[next]);
-        before + (after - before) * ((t - start) / (end - start)).clamp(0.0, 1.0)
+        let next = self.0.partition_point(|end| end.t < t).clamp(1, self.0.len() - 1);
+        let (start, end) = (self.0[next - 1], self.0[next]);
+        start.depth + (end.depth - start.depth) * ((t - start.t) / (end.t - start.t)).clamp(0.0, 1.0)
     }
 
     /// Returns the place with this number of halvings; `None` if it is outside these segments.
     fn place(&self, depth: f64) -> Option<Hit> {
-        let next = self.ends.iter().position(|(_, after, _)| *after >= depth)?;
-        let ((start, before), (end, after, way)) = (self.start(next), self.ends[next]);
-        let share = if after > before { (depth - before) / (after - before) } else { 0.0 };
-        (depth >= before).then_some(Hit { t: start + (end - start) * share, way })
+        let [start, end] = self.0.array_windows().find(|[_, end]| end.depth >= depth)?;
+        let share = if end.depth > start.depth { (depth - start.depth) / (end.depth - start.depth) } else { 0.0 };
+        (depth >= start.depth).then_some(Hit { t: start.t + (end.t - start.t) * share, way: end.way })
     }
 }
 
@@ -145,7 +143,7 @@ pub(super) fn seen_through(
 fn collect(search: &Search<'_, '_>, cores: &mut Cores, mut depth: f64, enough: f64) -> Result<Collected, BrickError> {
     let mut readers = search.readers();
     let mut last = vec![None; search.ways.len()];
-    let mut collected = Collected { first: (search.range[0], depth), ends: Vec::new() };
+    let mut collected = vec![End { t: search.range[0], depth, way: 0 }];
     for [start, end] in search.segments() {
         let mut most = (0.0, 0);
         let (mut values, mut longest) = ([f64::NAN; MAX_VOLUMES], 0.0f64);
@@ -182,12 +180,12 @@ fn collect(search: &Search<'_, '_>, cores: &mut Cores, mut depth: f64, enough: f
             let alpha = combination.look(&values).map_or(0.0, |[.., alpha]| f64::from(alpha));
             depth += halvings(alpha, longest / combination.transfer.unit_distance);
         }
-        collected.ends.push((end, depth, most.1));
+        collected.push(End { t: end, depth, way: most.1 });
         if depth >= enough {
             break;
         }
     }
-    Ok(collected)
+    Ok(Collected(collected))
 }
 
 fn halvings(alpha: f64, length: f64) -> f64 {

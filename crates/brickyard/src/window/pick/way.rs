@@ -3,7 +3,7 @@
 use super::cores::Cores;
 use crate::session::resolve::ResolvedLayer;
 use crate::session::volume_source::VolumeSource;
-use brickyard_pager::{BrickError, BrickSource};
+use brickyard_pager::BrickError;
 use brickyard_volume::extremes::half_box;
 use brickyard_volume::{BrickId, BrickIndex, Filter, FrameSettings, Level, LevelPolicy, Ray};
 use glam::DVec3;
@@ -16,7 +16,7 @@ const MOST_BRICKS: f64 = 16.0;
 pub(super) struct Way<'a> {
     pub(super) layer: &'a ResolvedLayer,
     pub(super) settings: &'a FrameSettings,
-    pub(super) source: &'a dyn BrickSource,
+    pub(super) volume: &'a VolumeSource,
     /// The ray in level-0 voxels, with distances of the scene's world along it.
     origin: DVec3,
     direction: DVec3,
@@ -40,19 +40,19 @@ impl<'a> Way<'a> {
         };
         // A missing ray's ends may both be infinite.
         let stretch = (from < to).then_some([from, to])?;
-        let mut way = Self { layer, settings, source: &*volume.source, origin, direction, stretch, level: Level(0) };
+        let mut way = Self { layer, settings, volume, origin, direction, stretch, level: Level(0) };
         way.level = way.first_level();
         Some(way)
     }
 
     /// Returns the wanted level at the ray's entry, or the finest coarser one with few enough bricks.
     fn first_level(&self) -> Level {
-        let (view, coarsest) = (&self.layer.view, self.source.pyramid().coarsest());
+        let (view, coarsest) = (&self.layer.view, self.volume.source.pyramid().coarsest());
         let wanted = match view.level {
             LevelPolicy::Locked(level) => level,
             LevelPolicy::Auto => {
                 let pixel = view.rays.pixel_size(self.stretch[0]) * view.pixel_error;
-                let extent = self.source.pyramid().levels()[0].extent;
+                let extent = self.volume.extent();
                 let voxel = self.settings.placement.voxel_size(&self.settings.geometry, extent);
                 (pixel / voxel).log2().floor().clamp(0.0, f64::from(coarsest.0)) as u8
             }
@@ -64,7 +64,7 @@ impl<'a> Way<'a> {
     /// Estimates the bricks of a level met by the ray: those on its way, doubled for each axis along which it stays so
     /// near to their faces that samples need voxels from both sides.
     fn bricks_met(&self, level: Level) -> f64 {
-        let edge = f64::from(self.source.pyramid().edge());
+        let edge = f64::from(self.volume.source.pyramid().edge());
         let [from, to] = self.stretch.map(|t| self.place(level, t));
         let brick = |place: f64| (place / edge).floor();
         let passed: f64 = (0..3).map(|a| (brick(from[a]) - brick(to[a])).abs()).sum();
@@ -76,25 +76,25 @@ impl<'a> Way<'a> {
     }
 
     fn place(&self, level: Level, t: f64) -> DVec3 {
-        let factor = DVec3::from_array(self.source.pyramid().level(level).factor.map(f64::from));
+        let factor = DVec3::from_array(self.volume.source.pyramid().level(level).factor.map(f64::from));
         (self.origin + self.direction * t) / factor
     }
 
     /// Returns the voxel of level 0 at a distance; one of the outermost where rounding leads outside.
     pub(super) fn voxel(&self, t: f64) -> [u32; 3] {
-        let (place, extent) = (self.place(Level(0), t), self.source.pyramid().levels()[0].extent.to_array());
+        let (place, extent) = (self.place(Level(0), t), self.volume.extent().to_array());
         std::array::from_fn(|a| (place[a].floor().max(0.0) as u32).min(extent[a] - 1))
     }
 
     /// Returns the distance in which the ray moves by a voxel of a level along its fastest axis.
     pub(super) fn voxel_length(&self, level: Level) -> f64 {
-        let factor = DVec3::from_array(self.source.pyramid().level(level).factor.map(f64::from));
+        let factor = DVec3::from_array(self.volume.source.pyramid().level(level).factor.map(f64::from));
         1.0 / (self.direction.abs() / factor).max_element()
     }
 
     /// Whether a segment begins on a cut that caps surfaces.
     pub(super) fn is_capped(&self, start: f64) -> bool {
-        let extent = self.source.pyramid().levels()[0].extent;
+        let extent = self.volume.extent();
         start == self.stretch[0] && self.settings.cap(extent, (self.origin, self.direction), 0.0, start).is_some()
     }
 
@@ -147,7 +147,7 @@ impl<'w, 'a> Reader<'w, 'a> {
         [from, to]: [f64; 2],
         is_least: bool,
     ) -> Result<Option<f64>, BrickError> {
-        let factor = self.way.source.pyramid().level(self.level).factor;
+        let factor = self.way.volume.source.pyramid().level(self.level).factor;
         let Some(reach) = self.way.settings.box_reach(factor) else { return self.value(cores, 0.5 * (from + to)) };
         let [from, to] = [from, to].map(|t| self.way.place(self.level, t));
         let (middle, half) = (0.5 * (from + to), DVec3::from_array(half_box((to - from).to_array(), reach)));
@@ -170,7 +170,8 @@ impl<'w, 'a> Reader<'w, 'a> {
         if !transfer.is_by_gradient() {
             return Ok(transfer.alpha(value));
         }
-        let (place, factor) = (self.way.place(self.level, t), self.way.source.pyramid().level(self.level).factor);
+        let (place, factor) =
+            (self.way.place(self.level, t), self.way.volume.source.pyramid().level(self.level).factor);
         let mut gradient = DVec3::ZERO;
         for (a, axis) in DVec3::AXES.into_iter().enumerate() {
             let after = self.value_at(cores, place + axis)?.unwrap_or(value);
@@ -204,12 +205,12 @@ impl<'w, 'a> Reader<'w, 'a> {
 
     /// Returns the voxel at these indices, or the nearest one in the level.
     fn bounded(&self, index: DVec3) -> [u32; 3] {
-        let extent = self.way.source.pyramid().level(self.level).extent.to_array();
+        let extent = self.way.volume.source.pyramid().level(self.level).extent.to_array();
         std::array::from_fn(|a| (index[a].max(0.0) as u32).min(extent[a] - 1))
     }
 
     fn voxel(&mut self, cores: &mut Cores, voxel: [u32; 3]) -> Result<Option<f64>, BrickError> {
-        let (source, view) = (self.way.source, &self.way.layer.view);
+        let (source, view) = (&*self.way.volume.source, &self.way.layer.view);
         let edge = source.pyramid().edge();
         let index = BrickIndex::from_array(voxel.map(|v| v / edge));
         if self.last.as_ref().is_none_or(|(last, _)| *last != index) {

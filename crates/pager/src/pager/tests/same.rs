@@ -4,6 +4,7 @@ use super::*;
 use crate::assemble::PaddedReader;
 use crate::ram_cache::RamCache;
 use crate::sameness::CoreHashes;
+use crate::status::Counters;
 use brickyard_volume::PageId;
 use std::collections::HashSet;
 use std::sync::{Barrier, mpsc};
