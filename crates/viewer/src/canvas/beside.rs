@@ -164,10 +164,10 @@ impl Canvas {
     pub(super) fn smooth_beside(
         &mut self,
         frame: Frame,
-        (size_px, has_two_eyes): ((u32, u32), bool),
+        size_px: (u32, u32),
         egui: &egui::Context,
     ) -> Result<(), SessionError> {
-        let painting = Painting::new(size_px, 1 + u32::from(has_two_eyes));
+        let painting = Painting::new(size_px, frame.scene.eyes() as u32);
         self.leave(Task::Smooth, painting, egui, move |engine, stage| {
             let begun = Instant::now();
             let picture = engine.session.paint(&frame, &stage.painting)?;
@@ -188,7 +188,7 @@ impl Canvas {
         match &self.drawing {
             Some((_, Task::Capture)) => return Ok(()),
             Some((drawing, _)) => {
-                drawing.abandon();
+                drawing.painting().abandon();
                 return Ok(());
             }
             None => {}
@@ -222,23 +222,23 @@ impl Canvas {
                 let session = Session::new(self.known.volumes.clone(), self.options);
                 let control = QualityControl::new(self.goal);
                 self.engine = Some(Box::new(Engine { session, control }));
-                self.changes = vec![Change::Play(self.playback)];
+                self.changes = vec![Change::Play(self.pace.playback)];
                 Err(SessionError::NoThread(error))
             }
         }
     }
 
-    /// Takes in the session's report, and the session itself, if due, with its picture. Returns a picture to be saved.
+    /// Takes in the session's report, and the session itself, if due, with its picture.
     ///
     /// # Errors
     /// If it could not be drawn.
-    pub(super) fn arrive(&mut self) -> Result<Option<(Picture, Frame)>, SessionError> {
+    pub(super) fn arrive(&mut self) -> Result<(), SessionError> {
         // The last report precedes the end.
         let is_over = self.drawing.as_ref().is_some_and(|(drawing, _)| drawing.is_over());
         self.hear();
-        let Some((drawing, task)) = self.drawing.take_if(|_| is_over) else { return Ok(None) };
-        let is_abandoned = drawing.is_abandoned();
-        let Some(Home { engine, done }) = drawing.end() else { return Ok(None) };
+        let Some((drawing, task)) = self.drawing.take_if(|_| is_over) else { return Ok(()) };
+        let is_abandoned = drawing.painting().is_abandoned();
+        let Some(Home { engine, done }) = drawing.end() else { return Ok(()) };
         (self.engine, self.looked) = (Some(engine), None);
         if !matches!(task, Task::Capture) {
             self.keep_pace();
@@ -253,12 +253,12 @@ impl Canvas {
                 .for_each(|shown| shown.samples_left = None);
         }
         let done = done?;
-        let Some(screen) = &mut self.screen else { return Ok(None) };
+        let Some(screen) = &mut self.screen else { return Ok(()) };
         match done {
             Done::Nothing => {}
-            Done::Capture(picture, frame) => return Ok(Some((picture, *frame))),
+            Done::Capture(picture, frame) => self.keep_capture(picture, *frame),
             Done::Sample(picture, took) => {
-                let Some(Shown { scene, samples_left: Some(left), .. }) = &mut self.shown else { return Ok(None) };
+                let Some(Shown { scene, samples_left: Some(left), .. }) = &mut self.shown else { return Ok(()) };
                 screen.add(&picture, *left == scene.pixel_samples.count());
                 *left = left.saturating_sub(1);
                 if *left == 0 {
@@ -273,7 +273,7 @@ impl Canvas {
                 self.drew(Drawn::Whole, *shown);
             }
         }
-        Ok(None)
+        Ok(())
     }
 
     /// Takes in the session's last report.
@@ -311,7 +311,7 @@ impl Canvas {
         };
         if !is_wanted {
             if !is_brief {
-                drawing.abandon();
+                drawing.painting().abandon();
             }
             return;
         }
@@ -319,7 +319,7 @@ impl Canvas {
         let is_due = begun.at.elapsed() > LOOK && self.looked.is_none_or(|looked| looked.elapsed() > LOOK);
         // Only over a picture of the same scene and time step.
         if is_due && shown.is_some_and(|shown| shown.frame.scene.time == self.pace.stepped) {
-            let so_far = drawing.so_far();
+            let so_far = drawing.painting().so_far();
             if !so_far.rgb.is_empty() {
                 let is_stretched = (so_far.width, so_far.height) != wanted.size_px;
                 self.screen.iter_mut().for_each(|screen| screen.put(&so_far, is_stretched));

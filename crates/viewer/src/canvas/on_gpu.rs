@@ -4,6 +4,7 @@
 use super::made::Made;
 use super::picture::{Choice, Shown, Wanted};
 use super::row_drawing::{CapturePart, GpuCapture, RowDrawing};
+use super::row_pace::RowPace;
 use super::{Canvas, FrameTimes};
 use crate::canvas::drawing::Engine;
 use crate::device::Device;
@@ -15,7 +16,30 @@ use eframe::egui;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// A picture in progress, in parts.
+/// Pictures in progress, in parts.
+#[derive(Default)]
+pub(super) struct Parts {
+    /// The view's picture.
+    pub(super) shown: Option<InRows>,
+    /// The picture to be saved.
+    pub(super) saved: Option<GpuCapture>,
+    /// Share of an exact picture found fit for a part.
+    fitting: f64,
+}
+
+impl Parts {
+    /// Drops both pictures.
+    pub(super) fn give_up(&mut self) {
+        (self.shown, self.saved) = (None, None);
+    }
+
+    /// The pace of the view's picture, or else of the one to be saved.
+    pub(super) fn pace(&self) -> Option<&RowPace> {
+        self.shown.as_ref().map(InRows::pace).or(self.saved.as_ref().and_then(GpuCapture::pace))
+    }
+}
+
+/// The view's picture in progress, in parts.
 pub(super) enum InRows {
     /// The exact picture of a scene, and the time of its streaming step.
     Show { drawing: RowDrawing, shown: Box<Shown>, step: Duration },
@@ -24,9 +48,9 @@ pub(super) enum InRows {
 }
 
 impl InRows {
-    pub(super) fn drawing(&self) -> &RowDrawing {
+    pub(super) fn pace(&self) -> &RowPace {
         let (Self::Show { drawing, .. } | Self::Smooth(drawing)) = self;
-        drawing
+        &drawing.pace
     }
 }
 
@@ -54,7 +78,7 @@ impl Canvas {
         let share = control.share();
         if !moved && !is_playing && share < 1.0 {
             let drawing = RowDrawing::new(shown.frame.clone(), share, self.between);
-            self.in_rows = Some(InRows::Show { drawing, shown: Box::new(shown), step });
+            self.parts.shown = Some(InRows::Show { drawing, shown: Box::new(shown), step });
             self.keep_pace();
             return self.draw_rows(egui);
         }
@@ -89,23 +113,22 @@ impl Canvas {
     /// # Errors
     /// If the device fails. The texture stays as it is.
     pub(super) fn draw_rows(&mut self, egui: &egui::Context) -> Result<(), SessionError> {
-        let (Some(mut in_rows), Some(engine), Some(device)) = (self.in_rows.take(), &mut self.engine, &self.gpu) else {
-            return Ok(());
-        };
+        let (Some(engine), Some(device)) = (&mut self.engine, &self.gpu) else { return Ok(()) };
+        let Some(mut in_rows) = self.parts.shown.take() else { return Ok(()) };
         let begun = Instant::now();
         let (InRows::Show { drawing, .. } | InRows::Smooth(drawing)) = &mut in_rows;
         let frame = drawing.go_on(&mut engine.session, device, egui)?.cloned();
         self.spent.draw += begun.elapsed();
         let Some(frame) = frame else {
-            self.in_rows = Some(in_rows);
+            self.parts.shown = Some(in_rows);
             return Ok(());
         };
-        self.fitting = drawing.fitting();
+        self.parts.fitting = drawing.pace.fitting();
         match in_rows {
             InRows::Smooth(_) => self.add_sample(&frame),
             InRows::Show { drawing, shown, step } => {
                 let drawn = self.draw(&frame, shown.size_px)?;
-                self.took(FrameTimes { step, beside: drawing.since(), ..FrameTimes::default() });
+                self.took(FrameTimes { step, beside: drawing.pace.since(), ..FrameTimes::default() });
                 self.drew(drawn, *shown);
                 Ok(())
             }
@@ -118,7 +141,7 @@ impl Canvas {
     /// If the device fails. The texture stays as it is.
     pub(super) fn smooth_on_gpu(&mut self, frame: Frame, egui: &egui::Context) -> Result<(), SessionError> {
         if self.engine.as_ref().is_some_and(|engine| engine.control.share() < 1.0) {
-            self.in_rows = Some(InRows::Smooth(RowDrawing::new(frame, self.fitting, self.between)));
+            self.parts.shown = Some(InRows::Smooth(RowDrawing::new(frame, self.parts.fitting, self.between)));
             return self.draw_rows(egui);
         }
         self.add_sample(&frame)
@@ -153,13 +176,11 @@ impl Canvas {
     /// # Errors
     /// If it cannot be drawn.
     pub(super) fn go_on_in_parts(&mut self, egui: &egui::Context) -> Result<CapturePart, SessionError> {
-        let (Some(mut capture), Some(engine), Some(device)) = (self.gpu_capture.take(), &mut self.engine, &self.gpu)
-        else {
-            return Ok(CapturePart::Step);
-        };
+        let (Some(engine), Some(device)) = (&mut self.engine, &self.gpu) else { return Ok(CapturePart::Step) };
+        let Some(mut capture) = self.parts.saved.take() else { return Ok(CapturePart::Step) };
         let part = capture.go_on(&mut engine.session, device, egui)?;
         if matches!(part, CapturePart::Partly) {
-            self.gpu_capture = Some(capture);
+            self.parts.saved = Some(capture);
         }
         Ok(part)
     }
@@ -185,8 +206,8 @@ impl Canvas {
         if scene.stereo.is_none() {
             let pixels = |(width, height): (u32, u32)| f64::from(width) * f64::from(height);
             let shown = self.shown.as_ref().map_or(size_px, |shown| shown.size_px);
-            let share = self.fitting * (pixels(shown) / pixels(size_px)).min(1.0);
-            self.gpu_capture = Some(GpuCapture::new(frame, (samples, made), share, self.between));
+            let share = self.parts.fitting * (pixels(shown) / pixels(size_px)).min(1.0);
+            self.parts.saved = Some(GpuCapture::new(frame, (samples, made), share, self.between));
             return Ok(None);
         }
         let picture = match samples {

@@ -13,7 +13,7 @@ use std::time::Duration;
 /// A frame drawn in parts. Its session may take no other step meanwhile.
 pub(super) struct RowDrawing {
     frame: Frame,
-    pace: RowPace,
+    pub(super) pace: RowPace,
 }
 
 impl RowDrawing {
@@ -39,27 +39,7 @@ impl RowDrawing {
         {
             self.pace.submitted(&rows, (&device.state.device, &device.state.queue), egui);
         }
-        Ok((self.share() >= 1.0).then_some(&self.frame))
-    }
-
-    /// The submitted share of the frame.
-    pub(super) fn share(&self) -> f64 {
-        self.pace.share()
-    }
-
-    /// Share of the frame found fit for one part.
-    pub(super) fn fitting(&self) -> f64 {
-        self.pace.fitting()
-    }
-
-    /// Whether a part is under way; the window is repainted after it.
-    pub(super) fn is_under_way(&self) -> bool {
-        self.pace.is_under_way()
-    }
-
-    /// Time since the start.
-    pub(super) fn since(&self) -> Duration {
-        self.pace.since()
+        Ok((self.pace.share() >= 1.0).then_some(&self.frame))
     }
 }
 
@@ -123,7 +103,7 @@ impl GpuCapture {
                 return Ok(CapturePart::Step);
             }
             if session.read_back()? {
-                self.fitting = drawing.fitting();
+                self.fitting = drawing.pace.fitting();
                 self.drawing = None;
             }
             return Ok(CapturePart::Partly);
@@ -137,12 +117,13 @@ impl GpuCapture {
         Ok(CapturePart::Partly)
     }
 
-    pub(super) fn drawing(&self) -> Option<&RowDrawing> {
-        self.drawing.as_ref()
+    /// The pace of the sample; `None` while it is on its way to the CPU.
+    pub(super) fn pace(&self) -> Option<&RowPace> {
+        self.drawing.as_ref().map(|drawing| &drawing.pace)
     }
 
     /// The drawn share of the sample.
     pub(super) fn share_of_sample(&self) -> f64 {
-        self.drawing.as_ref().map_or(1.0, RowDrawing::share)
+        self.pace().map_or(1.0, RowPace::share)
     }
 }

@@ -87,6 +87,7 @@ impl RowPace {
         self.next = rows.end;
     }
 
+    /// Whether a part is under way; the window is repainted after it.
     pub(super) fn is_under_way(&self) -> bool {
         self.under_way.as_ref().is_some_and(|part| part.done.get().is_none())
     }
@@ -96,6 +97,7 @@ impl RowPace {
         f64::from(self.rows) / f64::from(self.height.max(1))
     }
 
+    /// Time since the start.
     pub(super) fn since(&self) -> Duration {
         self.begun.elapsed()
     }
