@@ -20,6 +20,7 @@ mod keys;
 mod marks;
 mod measuring;
 mod navigation;
+mod newest;
 mod note;
 mod nothing;
 mod opening;

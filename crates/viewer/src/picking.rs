@@ -1,6 +1,7 @@
 //! The pick under the pointer: the visible world point, and the exact values of its voxel. A thread computes it, so that a slow disk does not hold up
 //! the window; it answers only for the newest place. Costs up to 64 MiB of decoded bricks per picture.
 
+use crate::newest::answering;
 use crate::read_out::ReadOut;
 use brickyard::overlay::{short_name, unit};
 use brickyard::pick::{Pick, Picker};
@@ -24,20 +25,10 @@ pub(crate) struct Picked {
 /// Most characters of a name.
 const LONGEST: usize = 16;
 
-/// A place on a picture.
-#[derive(Clone)]
-struct Place {
-    scene: Arc<ResolvedScene>,
-    place_px: [f64; 2],
-}
+/// A place on a scene's picture, in pixels.
+type Place = (Arc<ResolvedScene>, [f64; 2]);
 
-impl PartialEq for Place {
-    fn eq(&self, other: &Self) -> bool {
-        Arc::ptr_eq(&self.scene, &other.scene) && self.place_px == other.place_px
-    }
-}
-
-/// A request to the thread: a place of a scene's picture, and the scene's volumes.
+/// A request to the thread: a place, and the scene's volumes.
 type Question = (Place, Vec<VolumeSource>, egui::Context);
 
 /// Looks up picks on a thread; keeps the latest.
@@ -63,9 +54,10 @@ impl Picking {
             (self.asked, self.found) = (None, None);
             return None;
         };
-        let place = Place { scene: scene.clone(), place_px };
+        let is_asked = self.asked.as_ref().is_some_and(|(of, at)| Arc::ptr_eq(of, scene) && *at == place_px);
         let (ask, answers) = self.thread.get_or_insert_with(start);
-        if self.asked.as_ref() != Some(&place) && ask.send((place.clone(), volumes.to_vec(), egui.clone())).is_ok() {
+        let place = (scene.clone(), place_px);
+        if !is_asked && ask.send((place.clone(), volumes.to_vec(), egui.clone())).is_ok() {
             self.asked = Some(place);
         }
         if let Some(found) = answers.try_iter().last() {
@@ -75,21 +67,12 @@ impl Picking {
     }
 }
 
-/// Starts the thread. It ends with the last sender.
+/// Starts the thread.
 fn start() -> (Sender<Question>, Receiver<Option<Picked>>) {
-    let (ask, questions) = channel::<Question>();
     let (answer, answers) = channel();
-    std::thread::spawn(move || {
-        let mut picker = Picker::default();
-        while let Ok(mut question) = questions.recv() {
-            // Only the newest request deserves an answer.
-            if let Some(newer) = questions.try_iter().last() {
-                question = newer;
-            }
-            let (place, volumes, egui) = question;
-            if answer.send(look(&mut picker, &place, &volumes)).is_err() {
-                return;
-            }
+    let mut picker = Picker::default();
+    let ask = answering(move |(place, volumes, egui): Question| {
+        if answer.send(look(&mut picker, &place, &volumes)).is_ok() {
             egui.request_repaint();
         }
     });
@@ -97,17 +80,17 @@ fn start() -> (Sender<Question>, Receiver<Option<Picked>>) {
 }
 
 /// The pick at a place. The picture reports unreadable bricks; here they yield nothing.
-fn look(picker: &mut Picker, place: &Place, volumes: &[VolumeSource]) -> Option<Picked> {
-    let pick = picker.pick(&place.scene, volumes, place.place_px);
+fn look(picker: &mut Picker, (scene, place_px): &Place, volumes: &[VolumeSource]) -> Option<Picked> {
+    let pick = picker.pick(scene, volumes, *place_px);
     let pick = pick.inspect_err(|error| tracing::debug!("nothing can be picked: {error}")).ok()??;
     let first = pick.values.first();
     let label = first.and_then(|values| {
-        let channel = place.scene.layers.iter().find(|layer| layer.place == values.layer)?.view.channel as usize;
+        let channel = scene.layers.iter().find(|layer| layer.place == values.layer)?.view.channel as usize;
         let value = *values.probe.values.get(channel)?;
         let is_label = volumes.get(values.volume)?.source.is_labels();
         (is_label && !value.is_nan()).then_some(value as i64)
     });
-    let words = words(&pick, volumes, (place.scene.world_box, place.scene.is_anatomical));
+    let words = words(&pick, volumes, (scene.world_box, scene.is_anatomical));
     Some(Picked { pick, label, words })
 }
 

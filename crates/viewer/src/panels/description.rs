@@ -21,41 +21,26 @@ const MOST_VOXELS: u64 = 4096;
 #[serde(default, deny_unknown_fields)]
 pub(crate) struct Description {
     /// Voxels along x, y and z; a file with these is read as raw. 0 is unset.
-    #[serde(skip_serializing_if = "is_default")]
     shape: [u32; 3],
     /// The type of a raw file's voxels.
-    #[serde(skip_serializing_if = "Option::is_none")]
     voxel_type: Option<VoxelType>,
     /// Whether a raw file has the most significant byte first.
-    #[serde(skip_serializing_if = "is_default")]
     big_endian: bool,
     /// Bytes before the first voxel of a raw file.
-    #[serde(skip_serializing_if = "is_default")]
     offset: u64,
     /// Letters of the axes, slowest first; empty for the file's own or the usual ones.
-    #[serde(skip_serializing_if = "is_default")]
     axes: String,
     /// Time steps of a raw file; 0 is one.
-    #[serde(skip_serializing_if = "is_default")]
     times: u32,
     /// Channels of a raw file; 0 is one.
-    #[serde(skip_serializing_if = "is_default")]
     channels: u32,
     /// The distance between centres of voxels.
-    #[serde(skip_serializing_if = "Option::is_none")]
     spacing: Option<DVec3>,
     /// Its unit; empty is the file's own.
-    #[serde(skip_serializing_if = "is_default")]
     unit: String,
-    #[serde(skip_serializing_if = "is_default")]
     labels: bool,
     /// Whether numbers without an exact voxel value may be rounded.
-    #[serde(skip_serializing_if = "is_default")]
     allow_lossy: bool,
-}
-
-fn is_default<T: Default + PartialEq>(value: &T) -> bool {
-    *value == T::default()
 }
 
 /// Units of length, and their names in files.
