@@ -39,10 +39,8 @@ pub(crate) enum Command {
     Set(Vec<(String, Value)>),
     /// Click, in points from the window's upper left corner.
     Click([f64; 2]),
-    /// Show other volumes: stores, or files and folders shown while being packed.
-    Open(Vec<PathBuf>),
-    /// Show volumes or meshes beside the current ones.
-    Add(Vec<PathBuf>),
+    /// Show volumes: stores, or files and folders shown while being packed; or meshes, beside the current volumes.
+    Open(Vec<PathBuf>, Placing),
     /// Open or add a file, with a description of missing metadata.
     OpenAs(PathBuf, Description, Placing),
     /// Undo the last edit.
@@ -109,7 +107,7 @@ impl Command {
     }
 
     pub(crate) fn opens(&self) -> bool {
-        matches!(self, Self::Open(_) | Self::Add(_) | Self::OpenAs(..))
+        matches!(self, Self::Open(..) | Self::OpenAs(..))
     }
 
     /// The message for a failure. A file already named by the problem is not repeated.
@@ -126,7 +124,7 @@ impl Command {
     /// The command's last word, if it is a file or several.
     fn file(&self) -> Option<String> {
         match self {
-            Self::Open(paths) | Self::Add(paths) => Some(listed(paths)),
+            Self::Open(paths, _) => Some(listed(paths)),
             Self::OpenAs(path, description, _) => Some(described(path, description)),
             Self::SaveScene(path) | Self::SavePicture(path, _) | Self::Export(path) | Self::Screenshot(path) => {
                 Some(path.display().to_string())
@@ -191,8 +189,8 @@ impl fmt::Display for Command {
                 _ => write!(f, "set {}", Value::Object(Map::from_iter(fields.iter().cloned()))),
             },
             Self::Click([x, y]) => write!(f, "click {x} {y}"),
-            Self::Open(_) => write!(f, "open {file}"),
-            Self::Add(_) => write!(f, "add {file}"),
+            Self::Open(_, Placing::Instead) => write!(f, "open {file}"),
+            Self::Open(_, Placing::Beside) => write!(f, "add {file}"),
             Self::OpenAs(.., Placing::Instead) => write!(f, "open-as {file}"),
             Self::OpenAs(.., Placing::Beside) => write!(f, "add-as {file}"),
             Self::Undo => f.write_str("undo"),
@@ -262,6 +260,7 @@ fn parsed(name: &str, rest: &str) -> Option<Command> {
         "off" => Some(false),
         _ => None,
     };
+    let placing = if name.starts_with("add") { Placing::Beside } else { Placing::Instead };
     let file = || (!rest.is_empty()).then(|| PathBuf::from(rest));
     Some(match (name, &numbers.unwrap_or_default()[..]) {
         ("orbit", &[right_deg, up_deg]) => Command::orbit(right_deg, up_deg),
@@ -284,11 +283,10 @@ fn parsed(name: &str, rest: &str) -> Option<Command> {
         ("parallel", _) => Command::Parallel(switch()?),
         ("clip", _) => Command::Clip(switch()?),
         ("set", _) => Command::Set(fields(rest)?),
-        ("open", _) => Command::Open(paths(rest)?),
-        ("add", _) => Command::Add(paths(rest)?),
+        ("open" | "add", _) => Command::Open(paths(rest)?, placing),
         ("open-as" | "add-as", _) => {
             let (path, description) = description(rest)?;
-            Command::OpenAs(path, description, if name == "add-as" { Placing::Beside } else { Placing::Instead })
+            Command::OpenAs(path, description, placing)
         }
         ("save-scene", _) => Command::SaveScene(file()?),
         ("save-picture", _) => {
@@ -396,8 +394,8 @@ mod tests {
             prop::sample::select(plain),
             fields().prop_map(Command::Set),
             [number(), number()].prop_map(Command::Click),
-            files().prop_map(Command::Open),
-            files().prop_map(Command::Add),
+            files().prop_map(|paths| Command::Open(paths, Placing::Instead)),
+            files().prop_map(|paths| Command::Open(paths, Placing::Beside)),
             (file(), any::<bool>()).prop_map(|(file, is_added)| {
                 let text = r#"{"shape": [1, 2, 3], "voxel_type": "u16", "axes": "tzyx", "labels": true, "spacing": [1, 2, 0.5]}"#;
                 let placing = if is_added { Placing::Beside } else { Placing::Instead };

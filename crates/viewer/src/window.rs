@@ -159,7 +159,7 @@ impl Window {
             left: None,
         };
         if window.openings.are_none() {
-            window.show_dialog(DialogKind::Open);
+            window.show_dialog(DialogKind::Open(Placing::Instead));
         }
         window
     }
@@ -288,8 +288,7 @@ impl Window {
             Command::Click(place) => self.clicks.add(*place),
             Command::Quit => egui.send_viewport_cmd(ViewportCommand::Close),
             Command::LoseGpu => self.views.device().into_iter().for_each(Device::lose),
-            Command::Open(paths) => self.open(paths, Placing::Instead)?,
-            Command::Add(paths) => self.open(paths, Placing::Beside)?,
+            Command::Open(paths, placing) => self.open(paths, *placing)?,
             Command::OpenAs(path, description, placing) => self.open_as(path, description, *placing)?,
             Command::Export(path) => self.export(path)?,
             _ => {

@@ -1,7 +1,7 @@
 //! A user's description of a file, for metadata it lacks: everything for a raw file, the order of axes for an array, the voxel size and whether
 //! voxels are labels for any file. A form of the file dialogs edits it, and a command carries it.
 
-use crate::panels::widgets::{menu, row};
+use crate::panels::widgets::{choice, menu, row};
 use brickyard::import::{AxisOrder, Endian, OpenOptions};
 use brickyard::opening::OpeningOptions;
 use brickyard::store::Kind;
@@ -130,9 +130,7 @@ impl Description {
         });
         let types = VoxelType::ALL.map(|voxel_type| (Some(voxel_type), voxel_type.name(), ""));
         let choices = [&[(None, "not said", "")], &types[..]].concat();
-        if let Some(chosen) = menu(ui, "type", "the type of a voxel", (self.voxel_type, &choices), |_| None) {
-            self.voxel_type = chosen;
-        }
+        choice(ui, "type", "the type of a voxel", &mut self.voxel_type, &choices);
         row(ui, "bytes", "layout of the file", |ui, label| {
             ui.add(DragValue::new(&mut self.offset).suffix(" before the voxels")).labelled_by(label);
             ui.checkbox(&mut self.big_endian, "big-endian");

@@ -1,6 +1,6 @@
 //! The menu: files, edits, and the look of the window.
 
-use crate::command::{Command, PictureForm};
+use crate::command::{Command, PictureForm, Placing};
 use crate::keys::{self, PICTURE_FILE, SCENE_FILE};
 use crate::panels::dialogs::DialogKind;
 use crate::state::{Budgets, Layout, PlaneFilter, State, Theme, Tool};
@@ -50,23 +50,13 @@ pub(crate) fn show(ui: &mut Ui, state: &mut State, subject: Subject<'_>, command
         ui.menu_button("View", |ui| view(ui, state, is_patient));
         ui.menu_button("Window", |ui| window(ui, state, budgets));
         ui.separator();
-        for (tool, name, effect) in [
-            (Tool::Turn, "turn", "dragging turns the view around the point under the pointer".into()),
-            (
-                Tool::Fly,
-                "fly",
-                switch(
-                    ui,
-                    "W A S D, E and Q move the eye, dragging looks around",
-                    "fly: W A S D, E and Q, drag to look around",
-                ),
-            ),
-            (
-                Tool::Distance,
-                "measure",
-                switch(ui, "two clicks measure a distance", "measure a distance by two clicks"),
-            ),
-        ] {
+        let turn = "dragging turns the view around the point under the pointer".into();
+        let fly = "W A S D, E and Q move the eye, dragging looks around";
+        let fly = switch(ui, fly, "fly: W A S D, E and Q, drag to look around");
+        let measure = switch(ui, "two clicks measure a distance", "measure a distance by two clicks");
+        for (tool, name, effect) in
+            [(Tool::Turn, "turn", turn), (Tool::Fly, "fly", fly), (Tool::Distance, "measure", measure)]
+        {
             ui.selectable_value(&mut state.window.tool, tool, name).on_hover_text(effect);
         }
         ui.separator();
@@ -78,18 +68,18 @@ pub(crate) fn show(ui: &mut Ui, state: &mut State, subject: Subject<'_>, command
 fn files(ui: &mut Ui, subject: Subject<'_>, commands: &mut Vec<Command>) {
     let Subject { recent, has_volumes, wanted, .. } = subject;
     if ui.button("Open...").clicked() {
-        *wanted = Some(DialogKind::Open);
+        *wanted = Some(DialogKind::Open(Placing::Instead));
     }
     let hint = "volumes and meshes, in addition to the present ones; dropping files with Shift held adds them, too";
     if ui.add_enabled(has_volumes, Button::new("Add...")).on_hover_text(hint).clicked() {
-        *wanted = Some(DialogKind::Add);
+        *wanted = Some(DialogKind::Open(Placing::Beside));
     }
     ui.menu_button("Open again", |ui| {
         for path in recent {
             // A missing path is greyed out: its disk may come back.
             let button = Button::new(path.display().to_string());
             if ui.add_enabled(path.exists(), button).clicked() {
-                commands.push(Command::Open(vec![path.clone()]));
+                commands.push(Command::Open(vec![path.clone()], Placing::Instead));
             }
         }
     });
@@ -211,7 +201,7 @@ mod tests {
     fn every_entry_does_what_it_says() {
         assert_eq!(clicked(&["Edit", "Undo"]).1, [Command::Undo]);
         assert_eq!(clicked(&["File", "Quit"]).1, [Command::Quit]);
-        assert_eq!(clicked(&["File", "Open again", "/"]).1, [Command::Open(vec!["/".into()])]);
+        assert_eq!(clicked(&["File", "Open again", "/"]).1, [Command::Open(vec!["/".into()], Placing::Instead)]);
         assert_eq!(clicked(&["File", "Open again", "/no/such.zarr"]).1, []);
         let (state, commands) = clicked(&["View", "three slices beside it"]);
         assert_eq!((state.window.layout, commands), (Layout::Planes, Vec::new()));

@@ -102,36 +102,24 @@ pub(crate) fn number(
     ui.add(number)
 }
 
+/// The scale of a slider.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Scale {
+    /// Equal distances are equal differences.
+    Linear,
+    /// Equal distances are equal factors.
+    Log,
+}
+
 /// Shows a slider in a row of its own, with its number.
 pub(crate) fn slider(
     ui: &mut Ui,
     label: &str,
     hint: &str,
     value: &mut f64,
-    (range, unit): (RangeInclusive<f64>, &str),
+    (scale, range, unit): (Scale, RangeInclusive<f64>, &str),
 ) -> Response {
-    slid(ui, label, hint, value, (range, unit), false)
-}
-
-/// Shows a slider on which equal distances are equal factors.
-pub(crate) fn log_slider(
-    ui: &mut Ui,
-    label: &str,
-    hint: &str,
-    value: &mut f64,
-    (range, unit): (RangeInclusive<f64>, &str),
-) -> Response {
-    slid(ui, label, hint, value, (range, unit), true)
-}
-
-fn slid(
-    ui: &mut Ui,
-    label: &str,
-    hint: &str,
-    value: &mut f64,
-    (range, unit): (RangeInclusive<f64>, &str),
-    is_logarithmic: bool,
-) -> Response {
+    let is_logarithmic = scale == Scale::Log;
     let span = if is_logarithmic { value.abs() } else { range.end() - range.start() };
     row(ui, label, hint, |ui, label| {
         let width = width_of(ui, &[*range.start(), *range.end(), *value], span, (unit, NUMBER_WIDTH));
@@ -234,6 +222,19 @@ pub(crate) fn menu<T: Copy + PartialEq>(
         menu.response.labelled_by(label).on_hover_text(hint);
         chosen.filter(|chosen| *chosen != shown)
     })
+}
+
+/// Shows a menu of choices for a value, and sets the chosen one.
+pub(crate) fn choice<T: Copy + PartialEq>(ui: &mut Ui, label: &str, hint: &str, value: &mut T, all: Choices<'_, T>) {
+    *value = menu(ui, label, hint, (*value, all), |_| None).unwrap_or(*value);
+}
+
+/// Shows the items of a list below each other, by `show`, which returns whether to remove its item. Returns whether one was removed.
+pub(crate) fn list<T>(ui: &mut Ui, items: &mut Vec<T>, mut show: impl FnMut(&mut Ui, usize, &mut T) -> bool) -> bool {
+    let before = items.len();
+    let mut i = 0..;
+    items.retain_mut(|item| i.next().is_none_or(|i| !ui.push_id(i, |ui| show(ui, i, item)).inner));
+    items.len() < before
 }
 
 /// Shows a colour, edited by a click.

@@ -226,7 +226,7 @@ impl Window {
         let (dropped, is_added) = egui.input(|input| (input.raw.dropped_files.clone(), input.modifiers.shift));
         let dropped: Vec<_> = dropped.iter().map(|file| file.path().to_path_buf()).collect();
         if !dropped.is_empty() {
-            commands.push(if is_added { Command::Add(dropped) } else { Command::Open(dropped) });
+            commands.push(Command::Open(dropped, if is_added { Placing::Beside } else { Placing::Instead }));
         }
         let Some(dialog) = &mut self.dialog else { return };
         let of = (&self.state.scene, self.views.volumes());
@@ -248,7 +248,7 @@ impl Window {
         part.add_space(16.0);
         for path in self.recent.paths() {
             if part.add(Link::new(path.display().to_string())).clicked() {
-                commands.push(Command::Open(vec![path.clone()]));
+                commands.push(Command::Open(vec![path.clone()], Placing::Instead));
             }
         }
     }

@@ -1,7 +1,7 @@
 //! The data of a layer, and their place: volume, channel, crop and placement.
 
 use crate::panels::reason;
-use crate::panels::widgets::{group, menu, range, row, switch, typed, vector};
+use crate::panels::widgets::{choice, group, menu, range, row, switch, typed, vector};
 use brickyard::session::VolumeSource;
 use brickyard::volume::numbers::significant;
 use brickyard::volume::{Placement, Scene, SceneLayer};
@@ -64,11 +64,7 @@ fn channel(ui: &mut Ui, scene: &mut Scene, volume: &VolumeSource, layer: usize) 
     };
     let names: Vec<String> = (0..volume.source.channels()).map(name).collect();
     let choices: Vec<_> = (0..).zip(&names).map(|(channel, name)| (channel, &**name, "")).collect();
-    let shown = scene.layers[layer].channel;
-    let hint = "the channel of the layer's volume, from 0";
-    if let Some(channel) = menu(ui, "channel", hint, (shown, &choices), |_| None) {
-        scene.layers[layer].channel = channel;
-    }
+    choice(ui, "channel", "the channel of the layer's volume, from 0", &mut scene.layers[layer].channel, &choices);
 }
 
 /// Edits the visible box, in voxels.
