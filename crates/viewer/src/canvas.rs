@@ -17,6 +17,7 @@ pub(crate) use capture::Captured;
 pub(crate) use changes_seen::Answer;
 
 use crate::device::Device;
+use crate::pacing::keep_last;
 use crate::screen::Screen;
 use beside::Task;
 use brickyard::backend::BackendChoice;
@@ -401,10 +402,7 @@ impl Canvas {
 
     /// Records a picture's times; its streaming step is counted already, or was beside the window.
     fn took(&mut self, times: FrameTimes) {
-        if self.times.len() == FRAMES {
-            self.times.pop_front();
-        }
-        self.times.push_back(times);
+        keep_last(&mut self.times, FRAMES, times);
         self.spent = self.spent.and(FrameTimes { step: Duration::ZERO, ..times });
     }
 

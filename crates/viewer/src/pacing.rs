@@ -68,6 +68,14 @@ pub(crate) struct PacingStats {
     quality: [f64; 3],
 }
 
+/// Appends an item to the last ones, of which `most` are kept.
+pub(crate) fn keep_last<T>(items: &mut VecDeque<T>, most: usize, item: T) {
+    if items.len() == most {
+        items.pop_front();
+    }
+    items.push_back(item);
+}
+
 impl Pacing {
     /// Counts the frames of a window with volumes opened at this time.
     pub(crate) fn new(opened: Instant) -> Self {
@@ -89,10 +97,7 @@ impl Pacing {
 
     pub(crate) fn begin(&mut self) {
         let Some(ended) = self.ended.take() else { return };
-        if self.between.len() == TIMES_BETWEEN {
-            self.between.pop_front();
-        }
-        self.between.push_back(ended.elapsed());
+        keep_last(&mut self.between, TIMES_BETWEEN, ended.elapsed());
     }
 
     /// Records the end of a frame's work, and whether the next frame follows at once.
@@ -111,19 +116,13 @@ impl Pacing {
         let blocked_ms = ms(took.saturating_sub(spent.draw + spent.waited));
         self.frames += 1;
         self.blocked_most_ms = self.blocked_most_ms.max(blocked_ms);
-        if self.blocked_ms.len() == MOST {
-            self.blocked_ms.pop_front();
-        }
-        self.blocked_ms.push_back(blocked_ms);
+        keep_last(&mut self.blocked_ms, MOST, blocked_ms);
         if spent.drawing().is_zero() {
             return;
         }
         let at = Instant::now();
         self.first.get_or_insert(at);
-        if self.drawn.len() == MOST {
-            self.drawn.pop_front();
-        }
-        self.drawn.push_back(Drawn { at, blocked_ms, draw_ms: ms(spent.drawing()), quality });
+        keep_last(&mut self.drawn, MOST, Drawn { at, blocked_ms, draw_ms: ms(spent.drawing()), quality });
     }
 
     /// Records times from changes to their first pictures.

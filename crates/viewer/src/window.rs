@@ -38,7 +38,6 @@ use crate::window::files::Next;
 use crate::{clicks::Clicks, keys, work_row};
 use brickyard::overlay::{World, unit};
 use brickyard::session::{SessionError, VolumeSource};
-use brickyard::text_file::write_text;
 use brickyard::unlike_sizes::unlike_sizes;
 use brickyard::volume::Scene;
 use brickyard::volume::scene::VolumePlace;
@@ -151,7 +150,7 @@ impl Window {
             failing_since: None,
             is_fullscreen: false,
             started: None,
-            screenshots: Screenshots::new(),
+            screenshots: Screenshots::default(),
             clicks: Clicks::default(),
             order: InputOrder::default(),
             pacing,
@@ -563,7 +562,7 @@ impl Window {
         for function in saved {
             match function.write() {
                 Ok(()) => self.note(wrote(&function.path)),
-                Err(error) => self.say(About::Work, error.to_string()),
+                Err(problem) => self.say(About::Work, problem),
             }
         }
         if state.window.diagnostics {
@@ -781,8 +780,7 @@ impl Window {
             tracing::warn!("the window's state cannot be kept: {problem}");
         }
         if let Some(path) = &self.stats {
-            let text = serde_json::to_string_pretty(&self.pacing.stats()).map_err(|error| error.to_string());
-            let written = text.and_then(|text| write_text(path, &(text + "\n")).map_err(|error| error.to_string()));
+            let written = keeping::write_json(path, &self.pacing.stats());
             written.unwrap_or_else(|problem| tracing::error!("{problem}"));
         }
     }

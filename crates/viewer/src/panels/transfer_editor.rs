@@ -6,14 +6,15 @@ mod plot;
 mod points;
 mod strip;
 
+use crate::keeping::write_json;
 use crate::panels::layers::style;
 use crate::panels::widgets::{color, group, number, problem_color, row};
 use brickyard::session::VolumeSource;
 use brickyard::store::Histogram;
-use brickyard::text_file::{TextError, read_text, write_text};
+use brickyard::text_file::read_text;
 use brickyard::volume::transfer::file;
 use brickyard::volume::{SceneLayer, TransferChoice, TransferFile, TransferFunction};
-use eframe::egui::{Button, Id, Key, Modifiers, Response, RichText, TextEdit, Ui};
+use eframe::egui::{Button, Id, Key, Modifiers, PointerButton, Pos2, Response, RichText, TextEdit, Ui, Vec2};
 use points::{add_point, move_point, remove_point, simplified};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -41,9 +42,8 @@ impl SavedFunction {
     ///
     /// # Errors
     /// If the file cannot be written.
-    pub(crate) fn write(&self) -> Result<(), TextError> {
-        let text = serde_json::to_string_pretty(&self.function).expect("numbers in lists are JSON");
-        write_text(&self.path, &(text + "\n"))
+    pub(crate) fn write(&self) -> Result<(), String> {
+        write_json(&self.path, &self.function)
     }
 }
 
@@ -253,6 +253,27 @@ fn load(layer: &mut SceneLayer, volume: &VolumeSource, path: &Path) -> Result<St
     layer.transfer = Some(TransferChoice::File(TransferFile { path: path.into(), name: None, function }));
     (layer.window, layer.color) = (None, None);
     Ok(imported.remarks.join("\n"))
+}
+
+/// The dragged point of a list, of this kind, and the place it goes to. A drag selects the point `near` the press, given with its offset from there.
+fn dragged(
+    ui: &Ui,
+    response: &Response,
+    (selected, kind): (&mut Option<Point>, fn(usize) -> Point),
+    near: impl Fn(Pos2) -> Option<(usize, Vec2)>,
+) -> Option<(usize, Pos2)> {
+    let key = response.id.with("held");
+    let pointer = response.interact_pointer_pos()?;
+    if response.drag_started_by(PointerButton::Primary) {
+        let held = near(ui.input(|input| input.pointer.press_origin()).unwrap_or(pointer));
+        ui.data_mut(|data| data.insert_temp(key, held));
+        if let Some((i, _)) = held {
+            *selected = Some(kind(i));
+            response.request_focus();
+        }
+    }
+    let held = ui.data(|data| data.get_temp::<Option<(usize, Vec2)>>(key)).flatten();
+    held.filter(|_| response.dragged()).map(|(i, off)| (i, pointer + off))
 }
 
 /// Keyboard changes to the selected point's value, in multiples of `step`, and to its opacity; and whether it is removed.

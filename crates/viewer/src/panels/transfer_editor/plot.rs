@@ -1,11 +1,12 @@
 //! The curve of opacities over the histogram, and its editing by the pointer.
 
-use super::{FEWEST, Point, add_point, keys, least, move_point, remove_point};
+use super::{FEWEST, Point, add_point, dragged, keys, least, move_point, remove_point};
+use crate::panels::color_map::ribbon;
 use crate::panels::histogram::{self, Axis};
 use crate::panels::widgets::color32;
 use brickyard::store::Histogram;
 use brickyard::volume::TransferFunction;
-use eframe::egui::{Color32, Mesh, Pos2, Rect, Response, Role, Sense, Shape, Stroke, Ui, Vec2, WidgetInfo, pos2, vec2};
+use eframe::egui::{Pos2, Rect, Response, Role, Sense, Shape, Stroke, Ui, WidgetInfo, pos2, vec2};
 
 const HEIGHT: f32 = 116.0;
 
@@ -17,10 +18,6 @@ const MARGIN: f32 = 6.0;
 
 const HINT: &str = "drag a point; double click, or click on the curve, to add one; right click to remove it\n\
                     arrow keys move the clicked point, Delete removes it";
-
-/// The dragged point, and its offset from the pointer.
-#[derive(Clone, Copy)]
-struct Held(usize, Vec2);
 
 /// Shows and edits the opacities of a function between two values.
 pub(super) fn show(
@@ -82,21 +79,11 @@ impl Plot {
     }
 
     fn drag(&self, ui: &Ui, response: &Response, function: &mut TransferFunction, selected: &mut Option<Point>) {
-        let key = response.id.with("held");
-        let Some(pointer) = response.interact_pointer_pos() else { return };
-        if response.drag_started_by(eframe::egui::PointerButton::Primary) {
-            let from = ui.input(|input| input.pointer.press_origin()).unwrap_or(pointer);
-            let near = self.near(function, from);
-            let held = near.map(|i| Held(i, self.place(function.opacity[i]) - from));
-            ui.data_mut(|data| data.insert_temp(key, held));
-            if near.is_some() {
-                *selected = near.map(Point::Opacity);
-                response.request_focus();
-            }
-        }
-        let held = ui.data(|data| data.get_temp::<Option<Held>>(key)).flatten();
-        if let Some(Held(i, off)) = held.filter(|held| response.dragged() && held.0 < function.opacity.len()) {
-            self.put(function, i, self.at(pointer + off));
+        let near = |from| self.near(function, from).map(|i| (i, self.place(function.opacity[i]) - from));
+        if let Some((i, to)) = dragged(ui, response, (selected, Point::Opacity), near)
+            && i < function.opacity.len()
+        {
+            self.put(function, i, self.at(to));
         }
     }
 
@@ -174,19 +161,11 @@ impl Plot {
     /// The area below the curve, in the function's colours.
     fn fill(&self, area: Rect, function: &TransferFunction) -> Shape {
         let columns = (area.width() / 2.0).ceil() as u32;
-        let mut mesh = Mesh::default();
-        for column in 0..=columns {
+        ribbon((0..=columns).map(|column| {
             let x = area.left() + area.width() * column as f32 / columns as f32;
             let value = self.axis.value(x);
-            let color: Color32 = color32(function.rgb(value)).gamma_multiply(0.75);
-            mesh.colored_vertex(pos2(x, self.place([value, function.alpha(value)]).y), color);
-            mesh.colored_vertex(pos2(x, area.bottom()), color);
-            if column > 0 {
-                let first = 2 * (column - 1);
-                mesh.add_triangle(first, first + 1, first + 2);
-                mesh.add_triangle(first + 1, first + 2, first + 3);
-            }
-        }
-        Shape::mesh(mesh)
+            let top = pos2(x, self.place([value, function.alpha(value)]).y);
+            ([top, pos2(x, area.bottom())], color32(function.rgb(value)).gamma_multiply(0.75))
+        }))
     }
 }
