@@ -32,7 +32,7 @@ use brickyard::volume::{Camera, Picture, PixelSamples, Scene, SceneError};
 use capture::Capture;
 use changes_seen::ChangesSeen;
 use drawing::{Drawing, Engine, Known};
-use eframe::egui::{self, Painter, Rect};
+use eframe::egui::{Painter, Rect};
 use eframe::egui_wgpu::RenderState;
 use on_gpu::{InRows, Parts};
 use picture::{Shown, Wanted};
@@ -192,7 +192,7 @@ impl Canvas {
             options,
             picture: None,
             looked: None,
-            screen: device.map(|device| Screen::new(&device.state)),
+            screen: device.map(Screen::new),
             gpu: gpu_device.cloned(),
             is_adaptive: true,
             is_patient: false,
@@ -227,7 +227,7 @@ impl Canvas {
             }
         }
         self.forget_captures();
-        (self.screen, self.shown) = (Some(Screen::new(&device.state)), None);
+        (self.screen, self.shown) = (Some(Screen::new(device)), None);
         self.parts.give_up();
         Ok(())
     }
@@ -312,12 +312,7 @@ impl Canvas {
     ///
     /// # Errors
     /// If the scene cannot be drawn, or the device fails. The texture stays as it is.
-    pub(crate) fn show(
-        &mut self,
-        scene: &Scene,
-        size_px: (u32, u32),
-        egui: &egui::Context,
-    ) -> Result<(), SessionError> {
+    pub(crate) fn show(&mut self, scene: &Scene, size_px: (u32, u32)) -> Result<(), SessionError> {
         let wanted = Wanted { scene: scene.clone(), size_px, is_paced: false, change: self.changes_seen.count };
         let is_exact =
             |shown: &Shown| shown.is_of(&wanted) && shown.quality == Quality::EXACT && shown.frame.status.settled;
@@ -335,14 +330,14 @@ impl Canvas {
             // It stood still for the picture.
             self.tell(Change::Play(self.pace.playback));
         }
-        let shown = self.bring_on(scene, size_px, egui);
+        let shown = self.bring_on(scene, size_px);
         if shown.is_err() {
             self.failed = Some(wanted);
         }
         shown
     }
 
-    fn bring_on(&mut self, scene: &Scene, size_px: (u32, u32), egui: &egui::Context) -> Result<(), SessionError> {
+    fn bring_on(&mut self, scene: &Scene, size_px: (u32, u32)) -> Result<(), SessionError> {
         self.changes_seen.see(scene, self.shown.as_ref());
         // The scene follows the picture seen so far, not the one arriving now.
         let is_known = scene.time == self.pace.asked || Some(scene.time) == self.step_seen();
@@ -369,20 +364,20 @@ impl Canvas {
             None => false,
         };
         if goes_on {
-            return self.draw_rows(egui);
+            return self.draw_rows();
         }
         self.parts.shown = None;
         match self.shown.as_ref().filter(|_| is_shown).and_then(|shown| shown.samples_left) {
             Some(0) => return Ok(()),
-            Some(_) => return self.smooth(egui),
+            Some(_) => return self.smooth(),
             None => {}
         }
         self.pace.asked = scene.time;
         match (&self.gpu, &self.screen) {
-            (Some(_), _) => self.show_on_gpu(&wanted, egui),
+            (Some(_), _) => self.show_on_gpu(&wanted),
             (None, Some(_)) => {
                 let moves = self.shown.as_ref().is_some_and(|shown| !shown.is_of(&wanted));
-                self.show_beside(wanted, egui)?;
+                self.show_beside(wanted)?;
                 if moves && self.is_patient && !self.is_playing() && self.wait(self.goal.mul_f64(PATIENCE)) {
                     self.arrive()?;
                 }
@@ -431,14 +426,14 @@ impl Canvas {
     ///
     /// # Errors
     /// If the device fails. The texture stays as it is.
-    fn smooth(&mut self, egui: &egui::Context) -> Result<(), SessionError> {
+    fn smooth(&mut self) -> Result<(), SessionError> {
         let Some(Shown { scene, frame, size_px, samples_left: Some(left), .. }) = &self.shown else { return Ok(()) };
         let samples = scene.pixel_samples;
         let Some(sample) = samples.samples().nth(samples.count() - *left) else { return Ok(()) };
         let (frame, size_px) = (frame.of_sample(sample), *size_px);
         match self.gpu {
-            Some(_) => self.smooth_on_gpu(frame, egui),
-            None => self.smooth_beside(frame, size_px, egui),
+            Some(_) => self.smooth_on_gpu(frame),
+            None => self.smooth_beside(frame, size_px),
         }
     }
 

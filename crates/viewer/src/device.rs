@@ -80,6 +80,8 @@ fn obstacle(adapter: &Adapter, surface: Option<&Surface<'_>>) -> Option<String> 
 #[derive(Clone)]
 pub(crate) struct Device {
     pub(crate) state: RenderState,
+    /// The window's context, for repaints.
+    pub(crate) egui: egui::Context,
     /// The reason for its loss, once it is lost.
     loss: Arc<OnceLock<String>>,
 }
@@ -95,7 +97,7 @@ impl Device {
         });
         // Without a handler wgpu panics. Sessions catch their own errors.
         state.device.on_uncaptured_error(Arc::new(|error| tracing::error!("GPU: {error}")));
-        Self { state: state.clone(), loss }
+        Self { state: state.clone(), egui: egui.clone(), loss }
     }
 
     pub(crate) fn is_software(&self) -> bool {

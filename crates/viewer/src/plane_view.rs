@@ -50,7 +50,7 @@ impl PlaneView {
         let camera = grid.camera(axis, &slice, planes.cameras[axis], size_px);
         let filter = filter(grid, planes.filter, &camera, size_px.1);
         let scene = slice_scene(&seen.state.scene, seen.volumes, (slice, camera), filter, planes);
-        let drawn = canvas.show(&scene, size_px, ui.ctx());
+        let drawn = canvas.show(&scene, size_px);
         let (area, response) = ui.allocate_exact_size(shown, Sense::click_and_drag());
         ui.painter().rect_filled(area, 0.0, Color32::BLACK);
         canvas.paint(ui.painter(), area);

@@ -87,7 +87,7 @@ impl VolumeView {
     ) -> Result<(), SessionError> {
         let (size_px, shown) = whole_pixels(ui);
         self.size_px = size_px;
-        let drawn = canvas.show(&seen.state.scene, size_px, ui.ctx());
+        let drawn = canvas.show(&seen.state.scene, size_px);
         let (area, response) = ui.allocate_exact_size(shown, Sense::click_and_drag());
         canvas.paint(ui.painter(), area);
         dim_failed(ui.painter(), canvas, area);

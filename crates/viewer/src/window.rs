@@ -429,7 +429,7 @@ impl Window {
             self.say_saved(&path, written);
         }
         let size_px = self.volume_view.size_px;
-        match self.views.main.captured(size_px, egui) {
+        match self.views.main.captured(size_px) {
             Ok(None) => {}
             Ok(Some(captured)) => {
                 let (of_picture, path) = ((captured.picture.width, captured.picture.height), captured.path.clone());

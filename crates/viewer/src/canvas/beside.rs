@@ -9,7 +9,6 @@ use brickyard::frame_governor::{Quality, QualityControl};
 use brickyard::pager::Status;
 use brickyard::session::{Drawn, Frame, Painting, Session, SessionError};
 use brickyard::volume::{Picture, Scene};
-use eframe::egui;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -144,7 +143,7 @@ impl Canvas {
     ///
     /// # Errors
     /// If no thread can be started.
-    pub(super) fn show_beside(&mut self, wanted: Wanted, egui: &egui::Context) -> Result<(), SessionError> {
+    pub(super) fn show_beside(&mut self, wanted: Wanted) -> Result<(), SessionError> {
         let order = Order {
             wanted: wanted.clone(),
             shown: self.shown.clone(),
@@ -154,21 +153,16 @@ impl Canvas {
             is_adaptive: self.is_adaptive,
         };
         let painting = Painting::new(wanted.size_px, eyes(&wanted.scene));
-        self.leave(Task::Show(Box::new(wanted)), painting, egui, |engine, stage| order.run(engine, stage))
+        self.leave(Task::Show(Box::new(wanted)), painting, |engine, stage| order.run(engine, stage))
     }
 
     /// Sends the session to draw a sample of the shown picture.
     ///
     /// # Errors
     /// If no thread can be started.
-    pub(super) fn smooth_beside(
-        &mut self,
-        frame: Frame,
-        size_px: (u32, u32),
-        egui: &egui::Context,
-    ) -> Result<(), SessionError> {
+    pub(super) fn smooth_beside(&mut self, frame: Frame, size_px: (u32, u32)) -> Result<(), SessionError> {
         let painting = Painting::new(size_px, frame.scene.eyes() as u32);
-        self.leave(Task::Smooth, painting, egui, move |engine, stage| {
+        self.leave(Task::Smooth, painting, move |engine, stage| {
             let begun = Instant::now();
             let picture = engine.session.paint(&frame, &stage.painting)?;
             Ok(Done::Sample(picture, begun.elapsed()))
@@ -183,7 +177,6 @@ impl Canvas {
         &mut self,
         (scene, made): (Scene, Arc<Made>),
         size_px: (u32, u32),
-        egui: &egui::Context,
     ) -> Result<(), SessionError> {
         match &self.drawing {
             Some((_, Task::Capture)) => return Ok(()),
@@ -194,7 +187,7 @@ impl Canvas {
             None => {}
         }
         let painting = Painting::new(size_px, eyes(&scene));
-        self.leave(Task::Capture, painting, egui, move |engine, stage| {
+        self.leave(Task::Capture, painting, move |engine, stage| {
             capture(&mut engine.session, (&scene, &made), size_px, &stage.painting)
         })
     }
@@ -204,16 +197,16 @@ impl Canvas {
         &mut self,
         task: Task,
         painting: Painting,
-        egui: &egui::Context,
         draw: impl FnOnce(&mut Engine, &Stage) -> Result<Done, SessionError> + Send + 'static,
     ) -> Result<(), SessionError> {
+        let Some(screen) = &self.screen else { return Ok(()) };
         let Some(engine) = self.engine.take() else { return Ok(()) };
         let changes = std::mem::take(&mut self.changes);
         let draw = |engine: &mut Engine, stage: &Stage| {
             changes.into_iter().for_each(|change| change.apply(&mut engine.session));
             draw(engine, stage)
         };
-        match Drawing::begin(engine, painting, egui.clone(), draw) {
+        match Drawing::begin(engine, painting, screen.device.egui.clone(), draw) {
             Ok(drawing) => {
                 self.drawing = Some((drawing, task));
                 Ok(())

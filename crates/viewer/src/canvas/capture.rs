@@ -8,7 +8,6 @@ use crate::marks::Over;
 use brickyard::session::{Frame, Painting, Session, SessionError};
 use brickyard::stats::RenderStats;
 use brickyard::volume::{Picture, PixelSamples, Scene};
-use eframe::egui;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
@@ -92,16 +91,12 @@ impl Canvas {
     ///
     /// # Errors
     /// If it cannot be drawn; it is given up then, unless another device may draw it.
-    pub(crate) fn captured(
-        &mut self,
-        size_px: (u32, u32),
-        egui: &egui::Context,
-    ) -> Result<Option<Captured>, SessionError> {
+    pub(crate) fn captured(&mut self, size_px: (u32, u32)) -> Result<Option<Captured>, SessionError> {
         let Some(capture) = self.captures.front_mut().filter(|_| !self.gives_way) else { return Ok(None) };
         let size_px = *capture.size_px.get_or_insert(size_px);
         let scene = capture.scene.clone();
         self.parts.shown = None;
-        let drawn = self.arrive().and_then(|()| self.go_on_with_capture(&scene, size_px, egui));
+        let drawn = self.arrive().and_then(|()| self.go_on_with_capture(&scene, size_px));
         // The session's slots belong to another picture now.
         self.shown.iter_mut().for_each(|shown| shown.samples_left = None);
         let is_over = match &drawn {
@@ -122,7 +117,6 @@ impl Canvas {
         &mut self,
         scene: &Scene,
         size_px: (u32, u32),
-        egui: &egui::Context,
     ) -> Result<Option<(Picture, Frame)>, SessionError> {
         let Some(capture) = self.captures.front_mut() else { return Ok(None) };
         if let Some(drawn) = capture.drawn.take() {
@@ -130,9 +124,9 @@ impl Canvas {
         }
         let made = capture.made.clone();
         if self.gpu.is_none() {
-            return self.capture_beside((scene.clone(), made), size_px, egui).map(|()| None);
+            return self.capture_beside((scene.clone(), made), size_px).map(|()| None);
         }
-        match self.go_on_in_parts(egui)? {
+        match self.go_on_in_parts()? {
             CapturePart::Step => self.step_to_capture((scene, made), size_px),
             CapturePart::Partly => Ok(None),
             CapturePart::Whole(picture, frame) => Ok(Some((picture, *frame))),

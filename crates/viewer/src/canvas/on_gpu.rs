@@ -12,7 +12,6 @@ use crate::screen::FORMAT;
 use brickyard::render::Target;
 use brickyard::session::{Drawn, Frame, SessionError};
 use brickyard::volume::{Picture, PixelSamples, Scene};
-use eframe::egui;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -59,7 +58,7 @@ impl Canvas {
     ///
     /// # Errors
     /// If it cannot be drawn. The texture stays as it is.
-    pub(super) fn show_on_gpu(&mut self, wanted: &Wanted, egui: &egui::Context) -> Result<(), SessionError> {
+    pub(super) fn show_on_gpu(&mut self, wanted: &Wanted) -> Result<(), SessionError> {
         let Some(engine) = &mut self.engine else { return Ok(()) };
         let Engine { session, control } = &mut **engine;
         let begun = Instant::now();
@@ -80,7 +79,7 @@ impl Canvas {
             let drawing = RowDrawing::new(shown.frame.clone(), share, self.between);
             self.parts.shown = Some(InRows::Show { drawing, shown: Box::new(shown), step });
             self.keep_pace();
-            return self.draw_rows(egui);
+            return self.draw_rows();
         }
         let begun = Instant::now();
         let drawn = self.draw(&shown.quality.frame(&shown.frame), shown.size_px)?;
@@ -112,12 +111,12 @@ impl Canvas {
     ///
     /// # Errors
     /// If the device fails. The texture stays as it is.
-    pub(super) fn draw_rows(&mut self, egui: &egui::Context) -> Result<(), SessionError> {
+    pub(super) fn draw_rows(&mut self) -> Result<(), SessionError> {
         let (Some(engine), Some(device)) = (&mut self.engine, &self.gpu) else { return Ok(()) };
         let Some(mut in_rows) = self.parts.shown.take() else { return Ok(()) };
         let begun = Instant::now();
         let (InRows::Show { drawing, .. } | InRows::Smooth(drawing)) = &mut in_rows;
-        let frame = drawing.go_on(&mut engine.session, device, egui)?.cloned();
+        let frame = drawing.go_on(&mut engine.session, device)?.cloned();
         self.spent.draw += begun.elapsed();
         let Some(frame) = frame else {
             self.parts.shown = Some(in_rows);
@@ -139,10 +138,10 @@ impl Canvas {
     ///
     /// # Errors
     /// If the device fails. The texture stays as it is.
-    pub(super) fn smooth_on_gpu(&mut self, frame: Frame, egui: &egui::Context) -> Result<(), SessionError> {
+    pub(super) fn smooth_on_gpu(&mut self, frame: Frame) -> Result<(), SessionError> {
         if self.engine.as_ref().is_some_and(|engine| engine.control.share() < 1.0) {
             self.parts.shown = Some(InRows::Smooth(RowDrawing::new(frame, self.parts.fitting, self.between)));
-            return self.draw_rows(egui);
+            return self.draw_rows();
         }
         self.add_sample(&frame)
     }
@@ -175,10 +174,10 @@ impl Canvas {
     ///
     /// # Errors
     /// If it cannot be drawn.
-    pub(super) fn go_on_in_parts(&mut self, egui: &egui::Context) -> Result<CapturePart, SessionError> {
+    pub(super) fn go_on_in_parts(&mut self) -> Result<CapturePart, SessionError> {
         let (Some(engine), Some(device)) = (&mut self.engine, &self.gpu) else { return Ok(CapturePart::Step) };
         let Some(mut capture) = self.parts.saved.take() else { return Ok(CapturePart::Step) };
-        let part = capture.go_on(&mut engine.session, device, egui)?;
+        let part = capture.go_on(&mut engine.session, device)?;
         if matches!(part, CapturePart::Partly) {
             self.parts.saved = Some(capture);
         }

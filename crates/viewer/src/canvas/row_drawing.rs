@@ -6,7 +6,6 @@ use super::row_pace::RowPace;
 use crate::device::Device;
 use brickyard::session::{Drawn, Frame, Session, SessionError};
 use brickyard::volume::{Picture, PixelSamples};
-use eframe::egui::Context;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -28,16 +27,11 @@ impl RowDrawing {
     ///
     /// # Errors
     /// As [`Session::draw_rows`].
-    pub(super) fn go_on(
-        &mut self,
-        session: &mut Session,
-        device: &Device,
-        egui: &Context,
-    ) -> Result<Option<&Frame>, SessionError> {
+    pub(super) fn go_on(&mut self, session: &mut Session, device: &Device) -> Result<Option<&Frame>, SessionError> {
         if let Some(rows) = self.pace.next()
             && session.draw_rows(&self.frame, rows.clone())? != Drawn::Nothing
         {
-            self.pace.submitted(&rows, (&device.state.device, &device.state.queue), egui);
+            self.pace.submitted(&rows, device);
         }
         Ok((self.pace.share() >= 1.0).then_some(&self.frame))
     }
@@ -89,14 +83,9 @@ impl GpuCapture {
     ///
     /// # Errors
     /// As [`Session::draw_rows`].
-    pub(super) fn go_on(
-        &mut self,
-        session: &mut Session,
-        device: &Device,
-        egui: &Context,
-    ) -> Result<CapturePart, SessionError> {
+    pub(super) fn go_on(&mut self, session: &mut Session, device: &Device) -> Result<CapturePart, SessionError> {
         if let Some(drawing) = &mut self.drawing {
-            if drawing.go_on(session, device, egui)?.is_none() {
+            if drawing.go_on(session, device)?.is_none() {
                 return Ok(CapturePart::Partly);
             }
             if !self.frame.status.settled {
