@@ -14,8 +14,8 @@ use crate::input_order::InputOrder;
 use crate::keeping::{self, Keeper};
 use crate::marks::{self, Marks, Over};
 use crate::measuring::Measuring;
+use crate::messages::{About, Messages};
 use crate::navigation::moved;
-use crate::note::Note;
 use crate::opening::Openings;
 use crate::pacing::Pacing;
 use crate::panels;
@@ -25,7 +25,6 @@ use crate::picking::Picked;
 use crate::plane_view::PlaneView;
 use crate::planes::Grid;
 use crate::play::Play;
-use crate::problem::{About, Problem};
 use crate::recent::Recent;
 use crate::saving::Saving;
 use crate::screenshots::Screenshots;
@@ -92,12 +91,7 @@ pub(crate) struct Window {
     saving: Vec<Saving>,
     recent: Recent,
     dialog: Option<Dialog>,
-    problem: Option<Problem>,
-    /// The last problem in the log.
-    told: Option<Problem>,
-    note: Option<Note>,
-    /// The time since which a picture cannot be drawn.
-    failing_since: Option<Instant>,
+    messages: Messages,
     /// Whether fullscreen was requested of the display.
     is_fullscreen: bool,
     started: Option<Instant>,
@@ -124,8 +118,11 @@ impl Window {
         // A window that plays a script leaves no trace.
         let paths = if script.is_over() { openings.paths() } else { Vec::new() };
         let noted = paths.iter().try_for_each(|path| recent.add(path));
-        let problem = message.or(noted.err()).map(|message| Problem::new(About::Work, message));
-        let problem = problem.or(remark(&state.scene, views.volumes()));
+        let mut messages = Messages::default();
+        match message.or(noted.err()) {
+            Some(message) => messages.say(About::Work, message),
+            None => messages.warn(warning(&state.scene, views.volumes())),
+        }
         let mut window = Self {
             openings,
             next: None,
@@ -144,10 +141,7 @@ impl Window {
             script,
             failure: None,
             keeper,
-            problem,
-            told: None,
-            note: None,
-            failing_since: None,
+            messages,
             is_fullscreen: false,
             started: None,
             screenshots: Screenshots::default(),
@@ -170,13 +164,13 @@ impl Window {
     /// Performs a command, and shows any problem with it.
     fn perform(&mut self, command: &Command, egui: &egui::Context) {
         tracing::debug!("{command}");
-        self.note = None;
+        self.messages.forget_note();
         if let Err(problem) = self.try_perform(command, egui) {
             if matches!(command, Command::Undo | Command::Redo) {
-                return self.remark(problem);
+                return self.messages.remark(problem);
             }
             let about = if command.names_file() { About::Work } else { About::Scene };
-            self.say(about, command.failure(&problem));
+            self.messages.say(about, command.failure(&problem));
         }
     }
 
@@ -196,64 +190,31 @@ impl Window {
     fn fail(&mut self, line: &Line, problem: &str) {
         let problem = line.failure(problem);
         self.script.stop();
-        self.say(About::Work, problem.clone());
+        self.messages.say(About::Work, problem.clone());
         self.failure.get_or_insert(problem);
-    }
-
-    /// Shows a note on completed work.
-    fn note(&mut self, note: String) {
-        (self.note, self.problem) = (Some(Note::new(note)), None);
-    }
-
-    /// Shows a passing remark.
-    fn remark(&mut self, text: impl Into<String>) {
-        self.note = Some(Note::passing(text));
-    }
-
-    /// Removes a remark at the end of its time, requesting a repaint for it.
-    fn end_note(&mut self, egui: &egui::Context) {
-        match self.note.as_ref().and_then(Note::left) {
-            Some(Duration::ZERO) => self.note = None,
-            left => left.into_iter().for_each(|left| egui.request_repaint_after(left)),
-        }
-    }
-
-    /// Shows a problem.
-    fn say(&mut self, about: About, text: impl Into<String>) {
-        self.problem = Some(Problem::new(about, text));
     }
 
     /// Shows why a picture cannot be drawn, until one can. A script waiting for it fails.
     fn take_failure(&mut self, drawn: Result<(), SessionError>) {
         match drawn {
             Ok(()) if self.views.are_failing() => {}
-            Ok(()) => {
-                self.failing_since = None;
-                self.end_problem(About::Picture);
-                return;
-            }
-            Err(error) => self.say(About::Picture, error.to_string()),
+            Ok(()) => self.messages.end_failing(),
+            Err(error) => self.messages.say_failing(error.to_string()),
         }
-        let since = *self.failing_since.get_or_insert_with(Instant::now);
-        if since.elapsed() > HOPELESS
+        if let Some((_, problem)) = self.messages.failing().filter(|(since, _)| *since > HOPELESS)
             && let Some(line) = self.script.waiting().cloned()
         {
-            let problem = self.problem.as_ref().map_or_else(String::new, |problem| problem.text.clone());
+            let problem = problem.to_string();
             self.fail(&line, &problem);
         }
-    }
-
-    /// Removes the problem if this is its subject.
-    fn end_problem(&mut self, about: About) {
-        self.problem.take_if(|problem| problem.about == about);
     }
 
     /// Shows the result of work started by a command.
     fn say_ended(&mut self, is_it: impl Fn(&Command) -> bool, ended: Result<String, String>) {
         match (self.script.ended(is_it), ended) {
-            (_, Ok(done)) => self.note(done),
+            (_, Ok(done)) => self.messages.note_done(done),
             (Some(line), Err(problem)) => self.fail(&line, &problem),
-            (None, Err(problem)) => self.say(About::Work, problem),
+            (None, Err(problem)) => self.messages.say(About::Work, problem),
         }
     }
 
@@ -261,7 +222,7 @@ impl Window {
     fn say_stopped(&mut self, is_it: impl Fn(&Command) -> bool, text: String) {
         match self.script.ended(is_it) {
             Some(line) => self.fail(&line, &text),
-            None => self.remark(text),
+            None => self.messages.remark(text),
         }
     }
 
@@ -276,7 +237,7 @@ impl Window {
             Command::Redo => self.history.redo(&mut self.state).then_some(()).ok_or("there is nothing to redo")?,
             Command::SaveScene(path) => {
                 keeping::write(path, &self.state)?;
-                self.note(wrote(path));
+                self.messages.note_done(wrote(path));
             }
             Command::SavePicture(path, form) => {
                 let marks = form.marks.unwrap_or(Marks::shown(&self.state.window));
@@ -312,7 +273,7 @@ impl Window {
             fields.iter().map(|(field, _)| field.as_str()).filter(|field| !is_navigation(field)).collect();
         if !edits.is_empty() {
             self.history.edit(&self.state, &edits.join(" "));
-            self.end_problem(About::Scene);
+            self.messages.end(About::Scene);
         }
         self.state = edited;
         Ok(())
@@ -481,13 +442,15 @@ impl Window {
         let status = egui::Panel::bottom("status").show(ui, |ui| {
             let views = Some(&self.views).filter(|_| has_volumes);
             let said = Said {
-                problem: self.problem.as_ref().map(|problem| problem.text.as_str()),
-                note: self.note.as_ref().map(|note| note.text.as_str()),
+                problem: self.messages.problem(),
+                note: self.messages.note(),
                 picked: self.picked().map(|picked| &picked.words),
             };
             panels::status::show(ui, views, &said)
         });
-        self.problem.take_if(|_| status.inner == Outcome::PutAway);
+        if status.inner == Outcome::PutAway {
+            self.messages.dismiss();
+        }
         let has_steps = has_volumes && VolumeSource::timeline(self.views.volumes(), &state.scene).steps() > 1;
         let room = has_steps
             .then(|| egui::Panel::bottom("playing").show(ui, |ui| panels::playing::room(ui, &state.window.play)).inner);
@@ -513,7 +476,7 @@ impl Window {
     /// Shows rows over the lower end of the pictures, in the free room of `ui`: files being read or written, and any problem too long for a line.
     /// They take no room from the pictures, which another height would force to be redrawn.
     fn over_pictures(&mut self, ui: &Ui, has_problem: bool) {
-        let problem = self.problem.as_ref().filter(|_| has_problem).map(|problem| problem.text.clone());
+        let problem = self.messages.problem().filter(|_| has_problem);
         let capturing = self.views.main.capturing();
         if problem.is_none() && !self.is_busy() && capturing.is_none() {
             return;
@@ -533,12 +496,14 @@ impl Window {
                 if let Some((path, share)) = capturing {
                     is_given_up = work_row::show_share(ui, ("drawing", path), share);
                 }
-                if let Some(problem) = &problem {
+                if let Some(problem) = problem {
                     is_put_away = panels::status::problem(ui, problem, TextWrapMode::Wrap);
                 }
             });
         });
-        self.problem.take_if(|_| is_put_away);
+        if is_put_away {
+            self.messages.dismiss();
+        }
         if is_given_up && let Some(path) = self.views.main.give_up_capture() {
             let is_it = |command: &Command| matches!(command, Command::SavePicture(file, _) if *file == path);
             self.say_stopped(is_it, format!("{} was not written: saving was stopped", path.display()));
@@ -561,8 +526,8 @@ impl Window {
         });
         for function in saved {
             match function.write() {
-                Ok(()) => self.note(wrote(&function.path)),
-                Err(problem) => self.say(About::Work, problem),
+                Ok(()) => self.messages.note_done(wrote(&function.path)),
+                Err(problem) => self.messages.say(About::Work, problem),
             }
         }
         if state.window.diagnostics {
@@ -590,18 +555,17 @@ impl Window {
     fn keep(&mut self) -> Option<Duration> {
         let kept = self.keeper.keep(&self.state);
         kept.unwrap_or_else(|problem| {
-            self.say(About::Work, format!("the window's state cannot be kept: {problem}"));
+            self.messages.say(About::Work, format!("the window's state cannot be kept: {problem}"));
             None
         })
     }
 }
 
 /// A warning about volumes of one shape drawn at unlike sizes, if any, with the command that mends it.
-fn remark(scene: &Scene, volumes: &[VolumeSource]) -> Option<Problem> {
+fn warning(scene: &Scene, volumes: &[VolumeSource]) -> Option<String> {
     unlike_sizes(scene, volumes).map(|unlike| {
         let rows = unlike.numbers().map(|row| format!("[{}]", row.join(", "))).join(", ");
-        let text = format!("{unlike}; alike with: set layers.{}.world_from_volume [{rows}]", unlike.layer);
-        Problem::new(About::Scene, text)
+        format!("{unlike}; alike with: set layers.{}.world_from_volume [{rows}]", unlike.layer)
     })
 }
 
@@ -636,7 +600,7 @@ impl Window {
         self.update(ui);
         // If the device was lost meanwhile, nobody sees the frame or its messages.
         if !self.is_leaving(&egui) {
-            self.tell();
+            self.messages.log();
         }
     }
 
@@ -671,15 +635,7 @@ impl Window {
         for path in self.screenshots.give_up().into_iter().rev() {
             self.script.again(Command::Screenshot(path));
         }
-        self.say(About::Work, message);
-    }
-
-    /// Logs the current problem once.
-    fn tell(&mut self) {
-        if self.told != self.problem {
-            self.told = self.problem.clone();
-            self.told.iter().for_each(|problem| tracing::info!("{}", problem.text));
-        }
+        self.messages.say(About::Work, message);
     }
 
     /// Whether the device is lost. The window then closes and draws nothing more: egui panics with shapes but no device to draw them on.
@@ -701,7 +657,7 @@ impl Window {
         let egui = ui.ctx().clone();
         self.write_pictures(&egui);
         if let Err(problem) = self.follow_files(&egui) {
-            self.say(About::Work, problem);
+            self.messages.say(About::Work, problem);
         }
         self.play(&egui);
         if self.failure.is_some() {
@@ -720,7 +676,7 @@ impl Window {
                 is_busy = true;
             }
         }
-        self.end_note(&egui);
+        self.messages.end_remark(&egui);
         let mut panel_state = self.state.clone();
         let row = self.panels(ui, &mut panel_state, &mut commands);
         self.choose_files(&egui, &mut commands);
@@ -736,7 +692,7 @@ impl Window {
         if panel_state != self.state {
             match changes(&self.state, &panel_state) {
                 Ok(fields) => commands.push(Command::Set(fields)),
-                Err(problem) => self.say(About::Scene, problem),
+                Err(problem) => self.messages.say(About::Scene, problem),
             }
         }
         self.take_failure(drawn);
@@ -748,7 +704,7 @@ impl Window {
         // A command shows in the next frame.
         if is_busy || !commands.is_empty() || self.order.is_waiting() {
             egui.request_repaint();
-        } else if self.failing_since.is_some() {
+        } else if self.messages.failing().is_some() {
             egui.request_repaint_after(FAILING_STEP);
         } else if self.screenshots.are_awaited() || !self.clicks.are_done() {
             egui.request_repaint_after(STREAMING_STEP);

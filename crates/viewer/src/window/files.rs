@@ -1,13 +1,12 @@
 //! The window's work with files: opening volumes instead of others or beside them, and exporting voxels. It runs in the background, polled once a
 //! frame.
 
-use super::{Window, remark};
+use super::{Window, warning};
 use crate::command::{Command, Placing};
 use crate::edits::with_more;
 use crate::exporting::{Exporting, Part};
 use crate::keeping::{self, Keeper};
 use crate::marks::Marks;
-use crate::note::Note;
 use crate::opening::Openings;
 use crate::panels::description::Description;
 use crate::panels::dialogs::{Dialog, DialogKind};
@@ -108,7 +107,7 @@ impl Window {
             }
         }
         let changes = self.openings.poll();
-        self.note = changes.messages.into_iter().last().map(Note::new).or(self.note.take());
+        changes.messages.into_iter().last().into_iter().for_each(|text| self.messages.notice(text));
         if changes.has_volumes {
             let volumes = self.openings.volumes();
             if scale_crops(&mut self.state.scene, self.views.volumes(), &volumes) {
@@ -124,11 +123,11 @@ impl Window {
             if !error.is_cancelled() {
                 return Err(words);
             }
-            self.remark(words);
+            self.messages.remark(words);
         }
         let Some(next) = &mut self.next else { return Ok(()) };
         let changes = next.openings.poll();
-        self.note = changes.messages.into_iter().last().map(Note::new).or(self.note.take());
+        changes.messages.into_iter().last().into_iter().for_each(|text| self.messages.notice(text));
         if let Some((path, error)) = changes.stopped {
             let problem = self.ask_about(&path, &error);
             match error.is_cancelled() {
@@ -173,7 +172,7 @@ impl Window {
             self.state.lent_surfaces.extend(added.flat_map(|layer| layer.isosurfaces.clone()));
         }
         self.state.scene = scene;
-        self.problem = remark(&self.state.scene, self.views.volumes());
+        self.messages.warn(warning(&self.state.scene, self.views.volumes()));
         Ok(())
     }
 
@@ -192,7 +191,7 @@ impl Window {
         self.state.window.distances.clear();
         self.history.clear();
         self.openings = openings;
-        self.problem = remark(&self.state.scene, self.views.volumes());
+        self.messages.warn(warning(&self.state.scene, self.views.volumes()));
         Ok(())
     }
 
