@@ -209,20 +209,13 @@ impl Window {
         }
     }
 
-    /// Shows the result of work started by a command.
-    fn say_ended(&mut self, is_it: impl Fn(&Command) -> bool, ended: Result<String, String>) {
+    /// Shows the result of work started by a command, unless it was stopped by hand.
+    fn say_ended(&mut self, is_it: impl Fn(&Command) -> bool, ended: Result<String, String>, is_stopped: bool) {
         match (self.script.ended(is_it), ended) {
             (_, Ok(done)) => self.messages.note_done(done),
             (Some(line), Err(problem)) => self.fail(&line, &problem),
+            (None, Err(problem)) if is_stopped => self.messages.remark(problem),
             (None, Err(problem)) => self.messages.say(About::Work, problem),
-        }
-    }
-
-    /// Reports that work started by a command was stopped by hand.
-    fn say_stopped(&mut self, is_it: impl Fn(&Command) -> bool, text: String) {
-        match self.script.ended(is_it) {
-            Some(line) => self.fail(&line, &text),
-            None => self.messages.remark(text),
         }
     }
 
@@ -383,7 +376,7 @@ impl Window {
         for (path, written) in self.screenshots.write() {
             let is_it = |command: &Command| matches!(command, Command::Screenshot(file) if *file == path);
             let written = written.map(|()| wrote(&path)).map_err(|error| error.to_string());
-            self.say_ended(is_it, written);
+            self.say_ended(is_it, written, false);
         }
         while let Some(written) = self.saving.first_mut().and_then(Saving::poll) {
             let path = self.saving.remove(0).path().to_path_buf();
@@ -403,14 +396,14 @@ impl Window {
             }
             Err(error) => {
                 let is_picture = |command: &Command| matches!(command, Command::SavePicture(..));
-                self.say_ended(is_picture, Err(format!("the picture cannot be written: {error}")));
+                self.say_ended(is_picture, Err(format!("the picture cannot be written: {error}")), false);
             }
         }
     }
 
     fn say_saved(&mut self, path: &Path, written: Result<(), String>) {
         let is_it = |command: &Command| matches!(command, Command::SavePicture(file, _) if file == path);
-        self.say_ended(is_it, written.map(|()| wrote(path)));
+        self.say_ended(is_it, written.map(|()| wrote(path)), false);
     }
 
     /// Shows the panels around the pictures, which edit a copy of the state. Returns the room for the row of time steps, if any.
@@ -506,7 +499,7 @@ impl Window {
         }
         if is_given_up && let Some(path) = self.views.main.give_up_capture() {
             let is_it = |command: &Command| matches!(command, Command::SavePicture(file, _) if *file == path);
-            self.say_stopped(is_it, format!("{} was not written: saving was stopped", path.display()));
+            self.say_ended(is_it, Err(format!("{} was not written: saving was stopped", path.display())), true);
         }
     }
 

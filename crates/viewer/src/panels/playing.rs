@@ -2,9 +2,10 @@
 //! of a voxel's values lies over the bar, if requested.
 
 use crate::panels::widgets::{Choices, Scale, slider, switch};
-use crate::play::{Ending, Play, Policy, RATES};
+use crate::play::{Play, RATES};
 use crate::value_curve::ValueCurve;
 use brickyard::curve::LINE_COLORS;
+use brickyard::pager::{Ending, Policy};
 use brickyard::session::ComingStep;
 use brickyard::volume::Timeline;
 use brickyard::volume::numbers::within_span;

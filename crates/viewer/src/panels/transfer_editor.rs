@@ -8,7 +8,7 @@ mod strip;
 
 use crate::keeping::write_json;
 use crate::panels::layers::style;
-use crate::panels::widgets::{color, group, number, problem_color, row};
+use crate::panels::widgets::{ANY, color, group, number, problem_color, row};
 use brickyard::session::VolumeSource;
 use brickyard::store::Histogram;
 use brickyard::text_file::read_text;
@@ -136,33 +136,22 @@ fn selected(
     ends: [f64; 2],
     selected: &mut Option<Point>,
 ) {
-    let span = ends[1] - ends[0];
-    let limits = ([f64::NEG_INFINITY, f64::INFINITY], least(ends));
-    let any = f64::NEG_INFINITY..=f64::INFINITY;
     row(ui, "point", "the clicked point: its value, and its opacity or colour", |ui, label| {
         let gone = match *selected {
             Some(Point::Opacity(i)) if i < function.opacity.len() => {
-                let mut value = function.opacity[i][0];
-                if number(ui, &mut value, any, span, (58.0, "")).labelled_by(label).on_hover_text("value").changed() {
-                    move_point(&mut function.opacity, i, value, limits);
-                }
+                value(ui, label, &mut function.opacity, i, ends);
                 let alpha = &mut function.opacity[i][1];
                 number(ui, alpha, 0.0..=1.0, 1.0, (48.0, "")).labelled_by(label).on_hover_text("opacity, 0 to 1");
-                let can = function.opacity.len() > FEWEST;
-                removes(ui, can) && remove_point(&mut function.opacity, i, FEWEST)
+                is_removed(ui, &mut function.opacity, i, FEWEST)
             }
             Some(Point::Color(i)) if i < colors.len() => {
-                let mut value = colors[i][0];
-                if number(ui, &mut value, any, span, (58.0, "")).labelled_by(label).on_hover_text("value").changed() {
-                    move_point(colors, i, value, limits);
-                }
+                value(ui, label, colors, i, ends);
                 let [_, r, g, b] = colors[i];
                 let mut shown = [r, g, b];
                 if color(ui, &mut shown).labelled_by(label).changed() {
                     colors[i][1..].copy_from_slice(&shown);
                 }
-                let can = colors.len() > 1;
-                removes(ui, can) && remove_point(colors, i, 1)
+                is_removed(ui, colors, i, 1)
             }
             _ => {
                 ui.label(RichText::new("click one").weak());
@@ -175,9 +164,20 @@ fn selected(
     });
 }
 
-fn removes(ui: &mut Ui, can: bool) -> bool {
-    let button = ui.add_enabled(can, Button::new("remove").small());
-    button.on_disabled_hover_text("the function needs its last points").clicked()
+/// Shows the value of a point of a list.
+fn value<const N: usize>(ui: &mut Ui, label: Id, points: &mut [[f64; N]], index: usize, ends: [f64; 2]) {
+    let mut value = points[index][0];
+    let field = number(ui, &mut value, ANY, ends[1] - ends[0], (58.0, "")).labelled_by(label);
+    if field.on_hover_text("value").changed() {
+        move_point(points, index, value, ([f64::NEG_INFINITY, f64::INFINITY], least(ends)));
+    }
+}
+
+/// Shows the button to remove a point of a list. Returns whether it is removed.
+fn is_removed<const N: usize>(ui: &mut Ui, points: &mut Vec<[f64; N]>, index: usize, fewest: usize) -> bool {
+    let button = ui.add_enabled(points.len() > fewest, Button::new("remove").small());
+    let button = button.on_disabled_hover_text("the function needs its last points");
+    button.clicked() && remove_point(points, index, fewest)
 }
 
 /// Shows a function's settings besides its curve.

@@ -21,6 +21,9 @@ const LEAST_RAIL: f32 = 24.0;
 /// Room left by a panel for its scroll bar, in points.
 const SCROLL_BAR_WIDTH: f32 = 12.0;
 
+/// All numbers, as a range.
+pub(crate) const ANY: RangeInclusive<f64> = f64::NEG_INFINITY..=f64::INFINITY;
+
 /// Shows a panel's content from top to bottom, in exactly the panel's room. Any excess is clipped: egui would widen the panel by it, in every frame
 /// again for content that fills the width.
 pub(crate) fn within(ui: &mut Ui, content: impl FnOnce(&mut Ui)) {
@@ -134,16 +137,32 @@ pub(crate) fn slider(
     })
 }
 
+/// Shows the two values of a window side by side, with a hint on each. Returns the edited ones, if they are in order.
+pub(crate) fn window(
+    ui: &mut Ui,
+    hint: &str,
+    shown: [f64; 2],
+    span: f64,
+    (least, greatest): (&str, &str),
+) -> Option<[f64; 2]> {
+    row(ui, "window", hint, |ui, label| {
+        let width = 0.5 * (ui.available_width() - ui.spacing().item_spacing.x);
+        let mut typed = shown;
+        number(ui, &mut typed[0], ANY, span, (width, "")).labelled_by(label).on_hover_text(least);
+        number(ui, &mut typed[1], ANY, span, (width, "")).labelled_by(label).on_hover_text(greatest);
+        (typed != shown && typed[0] < typed[1]).then_some(typed)
+    })
+}
+
 /// Shows the three numbers of a point or a direction: side by side if short, else below each other.
 pub(crate) fn vector(ui: &mut Ui, label: &str, hint: &str, value: &mut DVec3, span: f64) {
-    let any = f64::NEG_INFINITY..=f64::INFINITY;
     let is_long = value.to_array().iter().any(|part| within_span(*part, span).len() > 6);
     let parts = |ui: &mut Ui, label: Id, axes: &[usize], value: &mut DVec3| {
         ui.spacing_mut().button_padding.x = 2.0;
         let gaps = ui.spacing().item_spacing.x * (axes.len() - 1) as f32;
         let width = (ui.available_width() - gaps) / axes.len() as f32;
         for &axis in axes {
-            let part = number(ui, &mut value.as_mut()[axis], any.clone(), span, (width, ""));
+            let part = number(ui, &mut value.as_mut()[axis], ANY, span, (width, ""));
             part.labelled_by(label).on_hover_text(["x", "y", "z"][axis]);
         }
     };

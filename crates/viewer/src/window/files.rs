@@ -100,11 +100,7 @@ impl Window {
     pub(super) fn follow_files(&mut self, egui: &egui::Context) -> Result<(), String> {
         if let Some(ended) = self.exporting.as_mut().and_then(Exporting::poll) {
             let is_stopped = self.exporting.take().is_some_and(|exporting| exporting.is_stopped());
-            let is_it = |command: &Command| matches!(command, Command::Export(_));
-            match ended {
-                Err(words) if is_stopped => self.say_stopped(is_it, words),
-                ended => self.say_ended(is_it, ended),
-            }
+            self.say_ended(|command| matches!(command, Command::Export(_)), ended, is_stopped);
         }
         let changes = self.openings.poll();
         changes.messages.into_iter().last().into_iter().for_each(|text| self.messages.notice(text));
@@ -130,10 +126,7 @@ impl Window {
         changes.messages.into_iter().last().into_iter().for_each(|text| self.messages.notice(text));
         if let Some((path, error)) = changes.stopped {
             let problem = self.ask_about(&path, &error);
-            match error.is_cancelled() {
-                true => self.say_stopped(Command::opens, problem),
-                false => self.say_ended(Command::opens, Err(problem)),
-            }
+            self.say_ended(Command::opens, Err(problem), error.is_cancelled());
             return Ok(());
         }
         let Some(next) = self.next.take_if(|next| next.openings.are_shown()) else { return Ok(()) };

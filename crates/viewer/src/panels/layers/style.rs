@@ -1,6 +1,6 @@
 //! The look of a layer's values: its window over the histogram, colours and gamma.
 
-use crate::panels::widgets::{Scale, choice, number, own_color, problem_color, row, slider};
+use crate::panels::widgets::{self, Scale, choice, own_color, problem_color, row, slider};
 use crate::panels::{color_map, histogram};
 use brickyard::session::VolumeSource;
 use brickyard::store::metadata::ChannelStatistics;
@@ -67,14 +67,7 @@ fn window(ui: &mut Ui, layer: &mut SceneLayer, volume: &VolumeSource) {
         let (least, greatest) = volume.source.channel_range(layer.channel);
         let span = (greatest - least).max(high - low);
         let hint = "the values of the first and the last colour, in stored units";
-        let typed = row(ui, "window", hint, |ui, label| {
-            let width = 0.5 * (ui.available_width() - ui.spacing().item_spacing.x);
-            let mut typed = shown;
-            let (any, size) = (f64::NEG_INFINITY..=f64::INFINITY, (width, ""));
-            number(ui, &mut typed[0], any.clone(), span, size).labelled_by(label).on_hover_text("least value");
-            number(ui, &mut typed[1], any, span, size).labelled_by(label).on_hover_text("greatest value");
-            (typed != shown).then_some(typed)
-        });
+        let typed = widgets::window(ui, hint, shown, span, ("least value", "greatest value"));
         if let Some(window) = typed.or(dragged).filter(|[low, high]| low < high && (high - low).is_finite()) {
             layer.window = Some(window);
         }
