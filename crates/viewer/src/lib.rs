@@ -51,7 +51,6 @@ use crate::command::Command;
 use crate::keeping::Keeper;
 pub use crate::keeping::volumes_of;
 pub use crate::opening::Openings;
-use crate::pacing::Pacing;
 use crate::recent::Recent;
 pub use crate::script::Script;
 use crate::state::State;
@@ -108,7 +107,7 @@ pub fn run(openings: Openings, mut options: WindowOptions) -> Result<(), WindowE
     let WindowOptions { session, size, script, opened, stats, .. } = options;
     let views = Views::new(volumes, session, None).map_err(|error| WindowError(error.to_string()))?;
     let recent = Recent::read(keeping::state_folder().map(|folder| folder.join("recent.json")));
-    let (kept, paced) = ((keeper, problem), (Pacing::new(opened), stats));
+    let (kept, paced) = ((keeper, problem), (opened, stats));
     let mut window = Window::new(state, views, (openings, recent), script, kept, paced);
     running::run(&mut window, size)?;
     window.failure().map_or(Ok(()), |failure| Err(WindowError(failure.into())))

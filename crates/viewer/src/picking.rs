@@ -1,13 +1,15 @@
 //! The pick under the pointer: the visible world point, and the exact values of its voxel. A thread computes it, so that a slow disk does not hold up
 //! the window; it answers only for the newest place. Costs up to 64 MiB of decoded bricks per picture.
 
+use crate::canvas::Canvas;
 use crate::newest::answering;
+use crate::overlay::Lens;
 use crate::read_out::ReadOut;
 use brickyard::overlay::{short_name, unit};
 use brickyard::pick::{Pick, Picker};
 use brickyard::session::{ResolvedScene, VolumeSource};
 use brickyard::volume::numbers::{exact, within_span};
-use eframe::egui;
+use eframe::egui::{self, Response};
 use glam::DVec3;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, channel};
@@ -37,33 +39,27 @@ pub(crate) struct Picking {
     /// Channels to the thread and back; `None` before the first request.
     thread: Option<(Sender<Question>, Receiver<Option<Picked>>)>,
     asked: Option<Place>,
-    found: Option<Picked>,
+    /// The latest pick; `None` while the pointer is elsewhere.
+    pub(crate) picked: Option<Picked>,
 }
 
 impl Picking {
-    /// The latest pick result at this place of a scene's picture, in pixels; may be outdated. The window is repainted for a newer one. `None` without
-    /// a place.
-    pub(crate) fn at(
-        &mut self,
-        egui: &egui::Context,
-        scene: Option<&Arc<ResolvedScene>>,
-        volumes: &[VolumeSource],
-        place_px: Option<[f64; 2]>,
-    ) -> Option<Picked> {
-        let (Some(scene), Some(place_px)) = (scene, place_px) else {
-            (self.asked, self.found) = (None, None);
-            return None;
+    /// Looks up the place under the pointer over a picture. The pick may be outdated for a while; the window is repainted for a newer one.
+    pub(crate) fn look(&mut self, canvas: &Canvas, lens: &Lens, response: &Response) {
+        let ((Some(scene), volumes), Some(pointer)) = (canvas.resolved(), response.hover_pos()) else {
+            (self.asked, self.picked) = (None, None);
+            return;
         };
+        let place_px = lens.pixel(pointer);
         let is_asked = self.asked.as_ref().is_some_and(|(of, at)| Arc::ptr_eq(of, scene) && *at == place_px);
         let (ask, answers) = self.thread.get_or_insert_with(start);
         let place = (scene.clone(), place_px);
-        if !is_asked && ask.send((place.clone(), volumes.to_vec(), egui.clone())).is_ok() {
+        if !is_asked && ask.send((place.clone(), volumes.to_vec(), response.ctx.clone())).is_ok() {
             self.asked = Some(place);
         }
-        if let Some(found) = answers.try_iter().last() {
-            self.found = found;
+        if let Some(picked) = answers.try_iter().last() {
+            self.picked = picked;
         }
-        self.found.clone()
     }
 }
 

@@ -7,7 +7,7 @@ use crate::measuring::{Measuring, lying_in};
 use crate::navigation::{panned, point_at_target, zoomed};
 use crate::overlay::{self, AXIS_COLORS, Lens};
 use crate::panels::slices::{dragged, shown_window};
-use crate::picking::{Picked, Picking};
+use crate::picking::Picking;
 use crate::planes::{Grid, filter, slice_scene};
 use crate::state::{State, Tool};
 use crate::volume_view::{Seen, dim_failed, isolation, whole_pixels};
@@ -26,8 +26,7 @@ const POINTS_A_SLICE: f32 = 24.0;
 /// A slice in the window.
 #[derive(Default)]
 pub(crate) struct PlaneView {
-    picking: Picking,
-    pub(crate) picked: Option<Picked>,
+    pub(crate) picking: Picking,
     /// Finger motion towards the next slice, in points.
     rolled: f32,
 }
@@ -65,11 +64,9 @@ impl PlaneView {
         section.decorate(&shown);
         let under = response.hover_pos().and_then(|pointer| section.under(pointer));
         section.distances(measuring, under);
-        let place_px = response.hover_pos().map(|pointer| lens.pixel(pointer));
-        let (resolved, volumes) = canvas.resolved();
-        self.picked = self.picking.at(&response.ctx, resolved, volumes, place_px);
+        self.picking.look(canvas, &lens, &response);
         if response.clicked() && response.ctx.input(|input| input.modifiers.alt) {
-            commands.extend(self.picked.as_ref().and_then(|picked| isolation(seen, picked)));
+            commands.extend(isolation(seen, &self.picking));
             return drawn;
         }
         let is_measuring = seen.state.window.tool == Tool::Distance;

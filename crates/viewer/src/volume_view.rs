@@ -6,7 +6,7 @@ use crate::command::Command;
 use crate::drag::drag_by;
 use crate::measuring::{self, Measuring};
 use crate::overlay::{self, Lens, bricks};
-use crate::picking::{Picked, Picking};
+use crate::picking::Picking;
 use crate::plane_handles::{self, PlaneHandle};
 use crate::state::{State, Tool};
 use brickyard::overlay::World;
@@ -68,9 +68,7 @@ pub(crate) struct VolumeView {
     /// The picture's size in the last frame.
     pub(crate) size_px: (u32, u32),
     hold: Option<Hold>,
-    picking: Picking,
-    /// The pick under the pointer; `None` while it is elsewhere.
-    pub(crate) picked: Option<Picked>,
+    pub(crate) picking: Picking,
 }
 
 impl VolumeView {
@@ -96,7 +94,9 @@ impl VolumeView {
         let shown = canvas.camera().unwrap_or(camera);
         let Some(lens) = Lens::new(ui.painter(), area, &shown, size_px) else { return drawn };
         self.decorate((&lens, &shown), canvas, (seen, &*measuring), response.hover_pos());
-        self.pick(&lens, canvas, &response);
+        if self.hold.is_none() {
+            self.picking.look(canvas, &lens, &response);
+        }
         self.drag(&lens, seen, &response, commands);
         self.click(&lens, (seen, measuring), &response, commands);
         if response.hovered() {
@@ -133,14 +133,9 @@ impl VolumeView {
         }
     }
 
-    /// Updates the pick under the pointer, except during a drag.
-    fn pick(&mut self, lens: &Lens, canvas: &Canvas, response: &Response) {
-        if self.hold.is_some() {
-            return;
-        }
-        let place_px = response.hover_pos().map(|pointer| lens.pixel(pointer));
-        let (scene, volumes) = canvas.resolved();
-        self.picked = self.picking.at(&response.ctx, scene, volumes, place_px);
+    /// The visible world point under the pointer, if any.
+    fn point(&self) -> Option<DVec3> {
+        self.picking.picked.as_ref().map(|picked| picked.pick.point)
     }
 
     /// The object of a drag that starts here.
@@ -159,7 +154,7 @@ impl VolumeView {
             (Some(handle), ..) => handle,
             (None, true, _) => Hold::Roll,
             (None, false, Tool::Fly) => Hold::Look,
-            (None, false, _) => Hold::Turn(self.picked.as_ref().map(|picked| picked.pick.point)),
+            (None, false, _) => Hold::Turn(self.point()),
         }
     }
 
@@ -201,8 +196,7 @@ impl VolumeView {
     /// The place under the pointer where a distance would start or end.
     fn end(&self, lens: &Lens, (seen, measuring): (&Seen<'_>, &Measuring), pointer: Option<Pos2>) -> Option<DVec3> {
         let place_px = pointer.map(|pointer| lens.pixel(pointer));
-        let picked = self.picked.as_ref().map(|picked| picked.pick.point);
-        measuring::end(&seen.state.scene, &lens.rays, measuring.from(), place_px, picked)
+        measuring::end(&seen.state.scene, &lens.rays, measuring.from(), place_px, self.point())
     }
 
     fn click(
@@ -213,13 +207,12 @@ impl VolumeView {
         commands: &mut Vec<Command>,
     ) {
         if response.clicked() && response.ctx.input(|input| input.modifiers.alt) {
-            commands.extend(self.picked.as_ref().and_then(|picked| isolation(seen, picked)));
+            commands.extend(isolation(seen, &self.picking));
             return;
         }
         let tool = seen.state.window.tool;
-        let point = self.picked.as_ref().map(|picked| picked.pick.point);
         if response.double_clicked() && tool == Tool::Turn {
-            commands.push(point.map_or(Command::Fit, Command::Center));
+            commands.push(self.point().map_or(Command::Fit, Command::Center));
         }
         if response.clicked() && tool == Tool::Distance {
             let place = self.end(lens, (seen, &*measuring), response.interact_pointer_pos());
@@ -244,7 +237,8 @@ fn handle(lens: &Lens, scene: &Scene, world: &World<'_>, place: Pos2) -> Option<
 }
 
 /// Shows the picked label alone, or all labels if it is alone already.
-pub(crate) fn isolation(seen: &Seen<'_>, picked: &Picked) -> Option<Command> {
+pub(crate) fn isolation(seen: &Seen<'_>, picking: &Picking) -> Option<Command> {
+    let picked = picking.picked.as_ref()?;
     let (layer, label) = (picked.pick.layer, picked.label?);
     let is_alone = seen.state.scene.layers.get(layer)?.show_labels == Some(vec![label]);
     let shown = if is_alone { json!(null) } else { json!([label]) };

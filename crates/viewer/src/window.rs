@@ -99,6 +99,8 @@ pub(crate) struct Window {
     clicks: Clicks,
     order: InputOrder,
     pacing: Pacing,
+    /// Start of opening the volumes.
+    opened: Instant,
     /// A file for frame times; `None` writes none.
     stats: Option<PathBuf>,
     /// The handover, once the device is lost.
@@ -113,7 +115,7 @@ impl Window {
         (openings, mut recent): (Openings, Recent),
         script: Script,
         (keeper, message): (Keeper, Option<String>),
-        (pacing, stats): (Pacing, Option<PathBuf>),
+        (opened, stats): (Instant, Option<PathBuf>),
     ) -> Self {
         // A window that plays a script leaves no trace.
         let paths = if script.is_over() { openings.paths() } else { Vec::new() };
@@ -147,7 +149,8 @@ impl Window {
             screenshots: Screenshots::default(),
             clicks: Clicks::default(),
             order: InputOrder::default(),
-            pacing,
+            pacing: Pacing::default(),
+            opened,
             stats,
             left: None,
         };
@@ -342,14 +345,14 @@ impl Window {
     }
 
     fn picked_label(&self) -> Option<i64> {
-        self.volume_view.picked.as_ref().and_then(|picked| picked.label)
+        self.volume_view.picking.picked.as_ref().and_then(|picked| picked.label)
     }
 
     /// The pick under the pointer, in any of the window's pictures.
     fn picked(&self) -> Option<&Picked> {
         let planes = self.plane_views.iter().filter(|_| !self.views.planes.is_empty());
-        let pictures = planes.map(|view| &view.picked).chain([&self.volume_view.picked]);
-        pictures.flatten().next()
+        let pictures = planes.map(|view| &view.picking).chain([&self.volume_view.picking]);
+        pictures.flat_map(|picking| &picking.picked).next()
     }
 
     /// The values over time of the voxel under the pointer, if the document shows them; of the last such voxel where there is none or pictures
@@ -729,7 +732,7 @@ impl Window {
             tracing::warn!("the window's state cannot be kept: {problem}");
         }
         if let Some(path) = &self.stats {
-            let written = keeping::write_json(path, &self.pacing.stats());
+            let written = keeping::write_json(path, &self.pacing.stats(self.opened));
             written.unwrap_or_else(|problem| tracing::error!("{problem}"));
         }
     }

@@ -30,9 +30,9 @@ pub(super) fn show(
     let size = vec2(ui.available_width(), HEIGHT);
     let (area, response) = ui.allocate_exact_size(size, Sense::click_and_drag());
     response.widget_info(|| WidgetInfo::labeled(Role::Canvas, ui.is_enabled(), "opacity curve"));
-    let plot = Plot { axis: Axis::over(ends, area.shrink(MARGIN)), ends };
-    plot.draw(ui, area, function, histogram, selected.as_ref(), &response);
-    let response = plot.hover(response, function, histogram);
+    let plot = Plot { axis: Axis::over(ends, area.shrink(MARGIN)), ends, histogram };
+    plot.draw(ui, function, *selected, &response);
+    let response = plot.hover(response, function);
     plot.drag(ui, &response, function, selected);
     plot.click(&response, function, selected);
     let ([by, up], is_removed) = keys(ui, &response, least(ends));
@@ -49,12 +49,13 @@ pub(super) fn show(
     }
 }
 
-struct Plot {
+struct Plot<'a> {
     axis: Axis,
     ends: [f64; 2],
+    histogram: Option<&'a Histogram>,
 }
 
-impl Plot {
+impl Plot<'_> {
     fn place(&self, [value, alpha]: [f64; 2]) -> Pos2 {
         let area = self.axis.area;
         pos2(self.axis.x(value), area.bottom() - alpha as f32 * area.height())
@@ -112,30 +113,23 @@ impl Plot {
         *selected = near.or(added).map(Point::Opacity);
     }
 
-    fn hover(&self, response: Response, function: &TransferFunction, histogram: Option<&Histogram>) -> Response {
+    fn hover(&self, response: Response, function: &TransferFunction) -> Response {
         let Some(pointer) = response.hover_pos().filter(|_| !response.dragged()) else { return response };
         let [value, _] = self.at(pointer);
         let text = format!("opacity {:.3}\n{HINT}", function.alpha(value));
-        match histogram {
+        match self.histogram {
             Some(histogram) => histogram::hovered(response, &self.axis, histogram, &text),
             None => response.on_hover_text_at_pointer(text),
         }
     }
 
-    fn draw(
-        &self,
-        ui: &Ui,
-        area: Rect,
-        function: &TransferFunction,
-        histogram: Option<&Histogram>,
-        selected: Option<&Point>,
-        response: &Response,
-    ) {
+    fn draw(&self, ui: &Ui, function: &TransferFunction, selected: Option<Point>, response: &Response) {
+        let area = response.rect;
         let (painter, visuals) = (ui.painter_at(area), ui.visuals());
         painter.rect_filled(area, 2.0, visuals.extreme_bg_color);
         // Not translucent: bars meet each other.
         let faint = visuals.extreme_bg_color.lerp_to_gamma(visuals.weak_text_color(), 0.4);
-        if let Some(histogram) = histogram {
+        if let Some(histogram) = self.histogram {
             histogram::bars(ui, &self.axis, histogram, |_| faint);
         }
         painter.add(self.fill(area, function));
@@ -148,7 +142,7 @@ impl Plot {
         let near = response.hover_pos().and_then(|pointer| self.near(function, pointer));
         for (i, point) in function.opacity.iter().enumerate() {
             let place = self.place(*point);
-            let is_selected = selected == Some(&Point::Opacity(i));
+            let is_selected = selected == Some(Point::Opacity(i));
             let radius = if near == Some(i) || is_selected { 5.0 } else { 4.0 };
             let fill = if is_selected { visuals.selection.bg_fill } else { visuals.extreme_bg_color };
             painter.circle(place, radius, fill, Stroke::new(1.5, visuals.strong_text_color()));
