@@ -20,7 +20,6 @@ use crate::opening::Openings;
 use crate::pacing::Pacing;
 use crate::panels;
 use crate::panels::dialogs::{Dialog, DialogKind};
-use crate::panels::status::{Outcome, Said};
 use crate::picking::Picked;
 use crate::plane_view::PlaneView;
 use crate::planes::Grid;
@@ -435,25 +434,17 @@ impl Window {
             self.show_dialog(kind);
         }
         let below_menu = ui.available_rect_before_wrap();
-        let status = egui::Panel::bottom("status").show(ui, |ui| {
-            let views = Some(&self.views).filter(|_| has_volumes);
-            let said = Said {
-                problem: self.messages.problem(),
-                note: self.messages.note(),
-                picked: self.picked().map(|picked| &picked.words),
-            };
-            panels::status::show(ui, views, &said)
-        });
-        if status.inner == Outcome::PutAway {
-            self.messages.dismiss();
-        }
+        let picked = self.picked().map(|picked| picked.words.clone());
+        let (views, messages) = (Some(&self.views).filter(|_| has_volumes), &mut self.messages);
+        let status = egui::Panel::bottom("status");
+        let is_long = status.show(ui, |ui| panels::status::show(ui, views, (messages, picked.as_ref()))).inner;
         let has_steps = has_volumes && VolumeSource::timeline(self.views.volumes(), &state.scene).steps() > 1;
         let room = has_steps
             .then(|| egui::Panel::bottom("playing").show(ui, |ui| panels::playing::room(ui, &state.window.play)).inner);
         if has_volumes {
             self.side_panels(ui, state, commands);
         }
-        self.over_pictures(ui, status.inner == Outcome::TooLong);
+        self.over_pictures(ui, is_long);
         panels::help::show(ui, &mut state.window.help, below_menu);
         room
     }
@@ -472,12 +463,12 @@ impl Window {
     /// Shows rows over the lower end of the pictures, in the free room of `ui`: files being read or written, and any problem too long for a line.
     /// They take no room from the pictures, which another height would force to be redrawn.
     fn over_pictures(&mut self, ui: &Ui, has_problem: bool) {
-        let problem = self.messages.problem().filter(|_| has_problem);
+        let has_problem = has_problem && self.messages.problem().is_some();
         let capturing = self.views.main.capturing();
-        if problem.is_none() && !self.is_busy() && capturing.is_none() {
+        if !has_problem && !self.is_busy() && capturing.is_none() {
             return;
         }
-        let (mut is_given_up, mut is_put_away) = (false, false);
+        let mut is_given_up = false;
         let frame = egui::Frame::popup(ui.style());
         let room = ui.available_rect_before_wrap();
         let width = WORK_WIDTH.min(room.width() - frame.total_margin().sum().x);
@@ -492,14 +483,11 @@ impl Window {
                 if let Some((path, share)) = capturing {
                     is_given_up = work_row::show_share(ui, ("drawing", path), share);
                 }
-                if let Some(problem) = problem {
-                    is_put_away = panels::status::problem(ui, problem, TextWrapMode::Wrap);
+                if has_problem {
+                    panels::status::problem(ui, &mut self.messages, TextWrapMode::Wrap);
                 }
             });
         });
-        if is_put_away {
-            self.messages.dismiss();
-        }
         if is_given_up && let Some(path) = self.views.main.give_up_capture() {
             let is_it = |command: &Command| matches!(command, Command::SavePicture(file, _) if *file == path);
             self.say_ended(is_it, Err(format!("{} was not written: saving was stopped", path.display())), true);

@@ -7,7 +7,7 @@ use super::{Canvas, Change, LOOK};
 use crate::marks::Over;
 use brickyard::session::{Frame, Painting, Session, SessionError};
 use brickyard::stats::RenderStats;
-use brickyard::volume::{Picture, PixelSamples, Scene};
+use brickyard::volume::{Picture, Scene};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
@@ -38,13 +38,10 @@ pub(super) fn go_on(
         if let Some(picture) = made.whole(samples) {
             return Ok(picture);
         }
-        let (at, tiles) = made.drawn();
+        let (_, tiles) = made.drawn();
         // Two eyes have two pictures.
         painting.go_on_with(scene.stereo.is_none().then_some(tiles));
-        let sample = samples.samples().nth(at).filter(|_| samples != PixelSamples::ONE);
-        let picture =
-            session.paint(&sample.map_or_else(|| frame.clone(), |sample| frame.of_sample(sample)), painting)?;
-        made.add(&picture);
+        made.add(&session.paint(&made.next(frame, samples), painting)?);
     }
 }
 

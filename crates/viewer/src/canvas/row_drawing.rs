@@ -70,11 +70,9 @@ impl GpuCapture {
     }
 
     fn begin_sample(&mut self) {
-        let (done, _) = self.made.drawn();
-        let sample = self.samples.samples().nth(done).filter(|_| self.frame.status.settled);
-        let frame = match sample.filter(|_| self.samples != PixelSamples::ONE) {
-            Some(sample) => self.frame.of_sample(sample),
-            None => self.frame.clone(),
+        let frame = match self.frame.status.settled {
+            true => self.made.next(&self.frame, self.samples),
+            false => self.frame.clone(),
         };
         self.drawing = Some(RowDrawing::new(frame, self.fitting, self.between));
     }
