@@ -97,13 +97,13 @@ impl VolumeView {
         if self.hold.is_none() {
             self.picking.look(canvas, &lens, &response);
         }
-        self.drag(&lens, seen, &response, commands);
-        self.click(&lens, (seen, measuring), &response, commands);
+        commands.extend(self.dragged(&lens, seen, &response));
+        commands.extend(self.clicked(&lens, (seen, measuring), &response));
         if response.hovered() {
-            scroll(ui, &lens, commands);
+            commands.extend(scrolled(ui, &lens));
         }
         if seen.state.window.tool == Tool::Fly {
-            fly(ui, commands);
+            commands.extend(flown(ui));
         }
         drawn
     }
@@ -126,8 +126,11 @@ impl VolumeView {
         measuring.show(lens, self.end(lens, (seen, measuring), pointer), world.unit);
         if window.overlays.clip_handles {
             let near = self.hold.or_else(|| pointer.and_then(|pointer| handle(lens, scene, world, pointer)));
-            let face = near.and_then(|near| if let Hold::Face(face) = near { Some(face) } else { None });
-            let plane = near.and_then(|near| if let Hold::Plane(plane) = near { Some(plane) } else { None });
+            let (face, plane) = match near {
+                Some(Hold::Face(face)) => (Some(face), None),
+                Some(Hold::Plane(plane)) => (None, Some(plane)),
+                _ => (None, None),
+            };
             scene.clip.iter().for_each(|clip| clip_handles::show(lens, *clip, face));
             plane_handles::show(lens, &scene.clip_planes, world.corners, plane);
         }
@@ -158,39 +161,37 @@ impl VolumeView {
         }
     }
 
-    fn drag(&mut self, lens: &Lens, seen: &Seen<'_>, response: &Response, commands: &mut Vec<Command>) {
+    fn dragged(&mut self, lens: &Lens, seen: &Seen<'_>, response: &Response) -> Option<Command> {
         if response.drag_started() {
             let from = response.ctx.input(|input| input.pointer.press_origin());
             let from = from.or_else(|| response.interact_pointer_pos()).unwrap_or(lens.area.center());
             self.hold = Some(self.grasp(lens, seen, response, from));
         }
-        let by = drag_by(response);
-        if let Some(hold) = self.hold.filter(|_| response.dragged() && by != egui::Vec2::ZERO) {
-            let parts = by / lens.area.height().max(1.0);
-            let (right, down) = (f64::from(parts.x), f64::from(parts.y));
-            commands.push(match hold {
-                Hold::Turn(about) => Command::Orbit { right_deg: TURN_DEG * right, up_deg: -TURN_DEG * down, about },
-                Hold::Look => Command::Look { right_deg: LOOK_DEG * right, up_deg: -LOOK_DEG * down },
-                Hold::Roll => Command::Roll { angle_deg: TURN_DEG * right },
-                Hold::Pan => Command::Pan { right, up: -down },
-                Hold::Zoom => Command::Zoom { factor: (-2.0 * down).exp(), at: None },
-                Hold::Face(face) => match (seen.state.scene.clip, &seen.world) {
-                    (Some(clip), Some(world)) => {
-                        Command::set("clip", json!(clip_handles::dragged(lens, clip, face, by, world.corners)))
-                    }
-                    _ => return,
-                },
-                Hold::Plane(PlaneHandle { plane: i, is_tip }) => {
-                    let (Some(plane), Some(world)) = (seen.state.scene.clip_planes.get(i), &seen.world) else { return };
-                    let ClipPlane { point, normal } = plane_handles::dragged(lens, *plane, is_tip, by, world.corners);
-                    let field = |name: &str, value: DVec3| (format!("clip_planes.{i}.{name}"), json!(value));
-                    Command::Set(vec![field("point", point), field("normal", normal)])
-                }
-            });
-        }
         if !response.dragged() {
             self.hold = None;
         }
+        let by = drag_by(response);
+        let hold = self.hold.filter(|_| by != egui::Vec2::ZERO)?;
+        let parts = by / lens.area.height().max(1.0);
+        let (right, down) = (f64::from(parts.x), f64::from(parts.y));
+        let whole = seen.world.as_ref().map(|world| world.corners);
+        Some(match hold {
+            Hold::Turn(about) => Command::Orbit { right_deg: TURN_DEG * right, up_deg: -TURN_DEG * down, about },
+            Hold::Look => Command::Look { right_deg: LOOK_DEG * right, up_deg: -LOOK_DEG * down },
+            Hold::Roll => Command::Roll { angle_deg: TURN_DEG * right },
+            Hold::Pan => Command::Pan { right, up: -down },
+            Hold::Zoom => Command::Zoom { factor: (-2.0 * down).exp(), at: None },
+            Hold::Face(face) => {
+                let clip = clip_handles::dragged(lens, seen.state.scene.clip?, face, by, whole?);
+                Command::set("clip", json!(clip))
+            }
+            Hold::Plane(PlaneHandle { plane: i, is_tip }) => {
+                let plane = *seen.state.scene.clip_planes.get(i)?;
+                let ClipPlane { point, normal } = plane_handles::dragged(lens, plane, is_tip, by, whole?);
+                let field = |name: &str, value: DVec3| (format!("clip_planes.{i}.{name}"), json!(value));
+                Command::Set(vec![field("point", point), field("normal", normal)])
+            }
+        })
     }
 
     /// The place under the pointer where a distance would start or end.
@@ -199,26 +200,24 @@ impl VolumeView {
         measuring::end(&seen.state.scene, &lens.rays, measuring.from(), place_px, self.point())
     }
 
-    fn click(
+    fn clicked(
         &self,
         lens: &Lens,
         (seen, measuring): (&Seen<'_>, &mut Measuring),
         response: &Response,
-        commands: &mut Vec<Command>,
-    ) {
+    ) -> Option<Command> {
         if response.clicked() && response.ctx.input(|input| input.modifiers.alt) {
-            commands.extend(isolation(seen, &self.picking));
-            return;
+            return isolation(seen, &self.picking);
         }
-        let tool = seen.state.window.tool;
-        if response.double_clicked() && tool == Tool::Turn {
-            commands.push(self.point().map_or(Command::Fit, Command::Center));
-        }
-        if response.clicked() && tool == Tool::Distance {
-            let place = self.end(lens, (seen, &*measuring), response.interact_pointer_pos());
-            commands.extend(place.and_then(|place| measuring.click(place, seen.state)));
-            // The mark of the first click appears in the next frame, which nothing else may request.
-            response.ctx.request_repaint();
+        match seen.state.window.tool {
+            Tool::Turn if response.double_clicked() => Some(self.point().map_or(Command::Fit, Command::Center)),
+            Tool::Distance if response.clicked() => {
+                // The mark of the first click appears in the next frame, which nothing else may request.
+                response.ctx.request_repaint();
+                let place = self.end(lens, (seen, &*measuring), response.interact_pointer_pos())?;
+                measuring.click(place, seen.state)
+            }
+            _ => None,
         }
     }
 }
@@ -261,26 +260,23 @@ pub(crate) fn zoom_factor(ui: &Ui) -> f64 {
 }
 
 /// Zooms towards the pointer, by wheel and pinch.
-fn scroll(ui: &Ui, lens: &Lens, commands: &mut Vec<Command>) {
+fn scrolled(ui: &Ui, lens: &Lens) -> Option<Command> {
     let factor = zoom_factor(ui);
-    let pointer = ui.input(|input| input.pointer.hover_pos());
-    let Some(pointer) = pointer.filter(|_| factor != 1.0) else { return };
+    let pointer = ui.input(|input| input.pointer.hover_pos()).filter(|_| factor != 1.0)?;
     let place = (pointer - lens.area.min) / lens.area.size();
-    commands.push(Command::Zoom { factor, at: Some([f64::from(place.x), f64::from(place.y)]) });
+    Some(Command::Zoom { factor, at: Some([f64::from(place.x), f64::from(place.y)]) })
 }
 
 /// Flies while flight keys are held.
-fn fly(ui: &Ui, commands: &mut Vec<Command>) {
+fn flown(ui: &Ui) -> Option<Command> {
     if ui.ctx().egui_wants_keyboard_input() {
-        return;
+        return None;
     }
     let (by, seconds) = ui.input(|input| {
         let held = FLIGHT_KEYS.iter().filter(|(key, _)| input.key_down(*key) && input.modifiers.is_none());
         let by = held.fold(DVec3::ZERO, |sum, (_, by)| sum + DVec3::from_array(*by));
         (by, f64::from(input.stable_dt.min(0.1)))
     });
-    if by != DVec3::ZERO {
-        let [right, up, forward] = (by * FLIGHT * seconds).to_array();
-        commands.push(Command::Fly { right, up, forward });
-    }
+    let [right, up, forward] = (by * FLIGHT * seconds).to_array();
+    (by != DVec3::ZERO).then_some(Command::Fly { right, up, forward })
 }

@@ -477,7 +477,7 @@ impl Window {
             frame.show(ui, |ui| {
                 ui.set_width(width);
                 self.openings.show(ui);
-                self.next.iter().for_each(|next| next.show(ui));
+                self.next.iter().for_each(|next| next.openings.show(ui));
                 self.exporting.iter().for_each(|exporting| exporting.show(ui));
                 self.saving.iter().for_each(|saving| work_row::show_writing(ui, saving.path()));
                 if let Some((path, share)) = capturing {
@@ -508,9 +508,9 @@ impl Window {
                 panels::view::groups(ui, &mut state.scene, self.views.volumes());
             });
         });
-        for function in saved {
-            match function.write() {
-                Ok(()) => self.messages.note_done(wrote(&function.path)),
+        for (path, function) in saved {
+            match keeping::write_json(&path, &function) {
+                Ok(()) => self.messages.note_done(wrote(&path)),
                 Err(problem) => self.messages.say(About::Work, problem),
             }
         }

@@ -6,7 +6,6 @@ mod plot;
 mod points;
 mod strip;
 
-use crate::keeping::write_json;
 use crate::panels::layers::style;
 use crate::panels::widgets::{ANY, color, group, number, problem_color, row};
 use brickyard::session::VolumeSource;
@@ -30,22 +29,8 @@ const TOLERANCE: f64 = 1.5 / 255.0;
 /// Fewest points of opacity: one alone would make the function flat.
 const FEWEST: usize = 2;
 
-/// A transfer function to be saved to a file.
-#[derive(Clone, Debug, PartialEq)]
-pub(crate) struct SavedFunction {
-    pub(crate) path: PathBuf,
-    function: TransferFunction,
-}
-
-impl SavedFunction {
-    /// Writes the file, as JSON for scenes and the editor to read.
-    ///
-    /// # Errors
-    /// If the file cannot be written.
-    pub(crate) fn write(&self) -> Result<(), String> {
-        write_json(&self.path, &self.function)
-    }
-}
+/// A transfer function to be saved, and its file, as JSON for scenes and the editor to read.
+pub(crate) type SavedFunction = (PathBuf, TransferFunction);
 
 /// A point of one of the function's lists.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -231,7 +216,7 @@ fn files(
         }
         let save = ui.add_enabled(has_path, Button::new("save").small()).on_hover_text("writes the function");
         if let Some(function) = save.clicked().then(|| volume.function(layer).ok()).flatten() {
-            saved.push(SavedFunction { path, function });
+            saved.push((path, function));
         }
         if ui.small_button("reset").on_hover_text("the gray ramp over the window").clicked() {
             (layer.transfer, layer.window, state.selected) = (None, None, None);

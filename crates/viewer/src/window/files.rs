@@ -22,17 +22,11 @@ use std::path::{Path, PathBuf};
 
 /// Volumes being opened, shown once there is a picture of each.
 pub(super) struct Next {
-    openings: Openings,
+    pub(super) openings: Openings,
     meshes: Vec<PathBuf>,
     placing: Placing,
     /// The user's description of the files.
     said: Description,
-}
-
-impl Next {
-    pub(super) fn show(&self, ui: &mut Ui) {
-        self.openings.show(ui);
-    }
 }
 
 impl Window {
