@@ -407,15 +407,15 @@ impl Canvas {
             self.shown.iter_mut().for_each(|shown| shown.samples_left = None);
             return;
         }
-        let Shown { scene, frame, quality, change, .. } = &shown;
+        let Shown { of, frame, quality, .. } = &shown;
         if !frame.status.covered {
             // This never happens; tests of the window search the log for it.
             tracing::error!("a picture has a hole");
         }
         self.failed = None;
-        self.changes_seen.answer(*change);
+        self.changes_seen.answer(of.change);
         let is_exact = drawn == Drawn::Whole && frame.status.settled && *quality == Quality::EXACT;
-        let samples_left = is_exact.then(|| match scene.pixel_samples {
+        let samples_left = is_exact.then(|| match of.scene.pixel_samples {
             PixelSamples::ONE => 0,
             more => more.count(),
         });
@@ -427,13 +427,23 @@ impl Canvas {
     /// # Errors
     /// If the device fails. The texture stays as it is.
     fn smooth(&mut self) -> Result<(), SessionError> {
-        let Some(Shown { scene, frame, size_px, samples_left: Some(left), .. }) = &self.shown else { return Ok(()) };
-        let samples = scene.pixel_samples;
+        let Some(Shown { of, frame, samples_left: Some(left), .. }) = &self.shown else { return Ok(()) };
+        let samples = of.scene.pixel_samples;
         let Some(sample) = samples.samples().nth(samples.count() - *left) else { return Ok(()) };
-        let (frame, size_px) = (frame.of_sample(sample), *size_px);
+        let (frame, size_px) = (frame.of_sample(sample), of.size_px);
         match self.gpu {
             Some(_) => self.smooth_on_gpu(frame),
             None => self.smooth_beside(frame, size_px),
+        }
+    }
+
+    /// Counts a sample added to the shown picture. After the last one their mean is visible.
+    fn count_sample(&mut self) {
+        if let (Some(Shown { samples_left: Some(left), .. }), Some(screen)) = (&mut self.shown, &mut self.screen) {
+            *left = left.saturating_sub(1);
+            if *left == 0 {
+                screen.show_mean();
+            }
         }
     }
 

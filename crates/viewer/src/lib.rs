@@ -126,11 +126,8 @@ fn first_state(
 ) -> Result<(State, Keeper, Option<String>), String> {
     let is_kept = options.script.is_over();
     let file = keeping::file_of(&paths).filter(|_| is_kept);
-    let restored = match file.as_deref().filter(|_| options.restores) {
-        Some(path) => restored(path, volumes),
-        None => Ok(None),
-    };
-    let (restored, problem) = match restored {
+    let known = file.as_deref().filter(|_| options.restores);
+    let (restored, problem) = match known.map_or(Ok(None), |path| restored(path, volumes)) {
         Ok(restored) => (restored, None),
         Err(problem) => (None, Some(format!("the last window could not be restored: {problem}"))),
     };

@@ -6,13 +6,15 @@ use eframe::egui::{self, ColorImage, ScreenshotCallback, ViewportCommand};
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 
+/// The window's pixels, and the file for them.
+type Screenshot = (PathBuf, Arc<ColorImage>);
+
 /// Requested screenshots.
 #[derive(Default)]
 pub(crate) struct Screenshots {
     /// The files of those still to arrive.
     awaited: Vec<PathBuf>,
-    /// The window's pixels, each with the file for them.
-    arrived: Arc<Mutex<Vec<(PathBuf, Arc<ColorImage>)>>>,
+    arrived: Arc<Mutex<Vec<Screenshot>>>,
 }
 
 impl Screenshots {
@@ -39,7 +41,7 @@ impl Screenshots {
     /// Writes those that have arrived. Returns each file with its result.
     pub(crate) fn write(&mut self) -> Vec<(PathBuf, Result<(), PictureError>)> {
         let arrived = std::mem::take(&mut *self.arrived.lock().unwrap_or_else(PoisonError::into_inner));
-        let write = |(path, image): (PathBuf, Arc<ColorImage>)| {
+        let write = |(path, image): Screenshot| {
             let place = self.awaited.iter().position(|awaited| *awaited == path);
             place.map(|place| self.awaited.remove(place));
             let [width, height] = image.size.map(|side| side as u32);

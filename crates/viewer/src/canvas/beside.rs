@@ -251,16 +251,13 @@ impl Canvas {
             Done::Nothing => {}
             Done::Capture(picture, frame) => self.keep_capture(picture, *frame),
             Done::Sample(picture, took) => {
-                let Some(Shown { scene, samples_left: Some(left), .. }) = &mut self.shown else { return Ok(()) };
-                screen.add(&picture, *left == scene.pixel_samples.count());
-                *left = left.saturating_sub(1);
-                if *left == 0 {
-                    screen.show_mean();
-                }
+                let Some(Shown { of, samples_left: Some(left), .. }) = &self.shown else { return Ok(()) };
+                screen.add(&picture, *left == of.scene.pixel_samples.count());
+                self.count_sample();
                 self.spent.beside += took;
             }
             Done::Picture { picture, shown, times } => {
-                screen.put(&picture, (picture.width, picture.height) != shown.size_px);
+                screen.put(&picture, (picture.width, picture.height) != shown.of.size_px);
                 self.picture = Some(Arc::new(picture));
                 self.took(times);
                 self.drew(Drawn::Whole, *shown);

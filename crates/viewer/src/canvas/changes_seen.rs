@@ -37,7 +37,7 @@ impl ChangesSeen {
         }
         self.last = Some(scene.clone());
         self.count += 1;
-        if shown.is_some_and(|shown| shown.scene != *scene) {
+        if shown.is_some_and(|shown| shown.of.scene != *scene) {
             self.asked.get_or_insert((Instant::now(), self.count));
         }
     }

@@ -82,7 +82,7 @@ impl Canvas {
             return self.draw_rows();
         }
         let begun = Instant::now();
-        let drawn = self.draw(&shown.quality.frame(&shown.frame), shown.size_px)?;
+        let drawn = self.draw(&shown.quality.frame(&shown.frame), shown.of.size_px)?;
         if let Some(engine) = &mut self.engine {
             engine.session.gpu_time().into_iter().for_each(|time| engine.control.took(time));
         }
@@ -126,7 +126,7 @@ impl Canvas {
         match in_rows {
             InRows::Smooth(_) => self.add_sample(&frame),
             InRows::Show { drawing, shown, step } => {
-                let drawn = self.draw(&frame, shown.size_px)?;
+                let drawn = self.draw(&frame, shown.of.size_px)?;
                 self.took(FrameTimes { step, beside: drawing.pace.since(), ..FrameTimes::default() });
                 self.drew(drawn, *shown);
                 Ok(())
@@ -148,8 +148,9 @@ impl Canvas {
 
     /// Draws a sample, if still to be drawn, and adds it to those before.
     fn add_sample(&mut self, frame: &Frame) -> Result<(), SessionError> {
-        let Some(Shown { scene, size_px, samples_left: Some(left), .. }) = &self.shown else { return Ok(()) };
-        let (samples, size_px, is_first) = (scene.pixel_samples, *size_px, *left == scene.pixel_samples.count());
+        let Some(Shown { of, samples_left: Some(left), .. }) = &self.shown else { return Ok(()) };
+        let (samples, size_px) = (of.scene.pixel_samples, of.size_px);
+        let is_first = *left == samples.count();
         let Some(Device { state, .. }) = self.gpu.clone() else { return Ok(()) };
         let (Some(engine), Some(screen)) = (&mut self.engine, &mut self.screen) else { return Ok(()) };
         let begun = Instant::now();
@@ -161,11 +162,8 @@ impl Canvas {
         }
         state.queue.submit([encoder.finish()]);
         self.spent.draw += begun.elapsed();
-        if let Some(Shown { samples_left: Some(left), .. }) = self.shown.as_mut().filter(|_| is_drawn) {
-            *left -= 1;
-            if *left == 0 {
-                screen.show_mean();
-            }
+        if is_drawn {
+            self.count_sample();
         }
         Ok(())
     }
@@ -204,7 +202,7 @@ impl Canvas {
         let samples = scene.pixel_samples;
         if scene.stereo.is_none() {
             let pixels = |(width, height): (u32, u32)| f64::from(width) * f64::from(height);
-            let shown = self.shown.as_ref().map_or(size_px, |shown| shown.size_px);
+            let shown = self.shown.as_ref().map_or(size_px, |shown| shown.of.size_px);
             let share = self.parts.fitting * (pixels(shown) / pixels(size_px)).min(1.0);
             self.parts.saved = Some(GpuCapture::new(frame, (samples, made), share, self.between));
             return Ok(None);
