@@ -88,9 +88,9 @@ pub(crate) struct Canvas {
     /// Status of the last streaming step, and coming time steps; `None` before the first.
     stream: Option<(Status, Vec<ComingStep>)>,
     /// Times of the last frames, oldest first.
-    times: VecDeque<FrameTimes>,
-    /// Time spent since the last query.
-    spent: FrameTimes,
+    pub(crate) times: VecDeque<FrameTimes>,
+    /// Time spent since it was last taken.
+    pub(crate) spent: FrameTimes,
     changes_seen: ChangesSeen,
     captures: VecDeque<Capture>,
     /// Whether saved pictures wait for a resting view; and its failed picture, for which they do not.
@@ -571,10 +571,8 @@ impl Canvas {
 
     /// Backend and host memory in use, in bytes.
     pub(crate) fn memory_bytes(&self) -> (u64, u64) {
-        (
-            self.known(Session::backend_bytes, |known| known.backend_bytes),
-            self.status().map_or(0, |status| status.host_bytes),
-        )
+        let host_bytes = self.status().map_or(0, |status| status.host_bytes);
+        (self.known(Session::backend_bytes, |known| known.backend_bytes), host_bytes)
     }
 
     /// Checks whether a scene can be shown.
@@ -583,16 +581,6 @@ impl Canvas {
     /// If not: the reason.
     pub(crate) fn check(&self, scene: &Scene) -> Result<(), SceneError> {
         check(self.volumes(), scene)
-    }
-
-    /// Times of the last frames, oldest first.
-    pub(crate) fn times(&self) -> &VecDeque<FrameTimes> {
-        &self.times
-    }
-
-    /// Takes the time spent since the last call.
-    pub(crate) fn take_spent(&mut self) -> FrameTimes {
-        std::mem::take(&mut self.spent)
     }
 
     /// Takes the answers since the last call.

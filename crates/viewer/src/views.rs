@@ -138,7 +138,8 @@ impl Views {
 
     /// Takes the time spent since the last call.
     pub(crate) fn take_spent(&mut self) -> FrameTimes {
-        self.all_mut().map(Canvas::take_spent).fold(FrameTimes::default(), FrameTimes::and)
+        let spent = self.all_mut().map(|canvas| std::mem::take(&mut canvas.spent));
+        spent.fold(FrameTimes::default(), FrameTimes::and)
     }
 
     fn all_mut(&mut self) -> impl Iterator<Item = &mut Canvas> {

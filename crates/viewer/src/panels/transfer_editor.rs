@@ -199,14 +199,11 @@ fn files(
     state: &mut State,
     saved: &mut Vec<SavedFunction>,
 ) {
-    row(
-        ui,
-        "file",
-        "path of a file in brickyard's own JSON, or of ParaView's colour maps, or of 3D Slicer's volume properties",
-        |ui, label| {
-            ui.add(TextEdit::singleline(&mut state.path).desired_width(f32::INFINITY)).labelled_by(label);
-        },
-    );
+    let hint =
+        "path of a file in brickyard's own JSON, or of ParaView's colour maps, or of 3D Slicer's volume properties";
+    row(ui, "file", hint, |ui, label| {
+        ui.add(TextEdit::singleline(&mut state.path).desired_width(f32::INFINITY)).labelled_by(label);
+    });
     row(ui, "", "", |ui, _| {
         let has_path = !state.path.trim().is_empty();
         let path = PathBuf::from(state.path.trim());

@@ -137,6 +137,11 @@ pub(crate) fn slider(
     })
 }
 
+/// Shows an opacity, 0 to 1, on a slider.
+pub(crate) fn opacity(ui: &mut Ui, hint: &str, value: &mut f64) {
+    slider(ui, "opacity", hint, value, (Scale::Linear, 0.0..=1.0, ""));
+}
+
 /// Shows the two values of a window side by side, with a hint on each. Returns the edited ones, if they are in order.
 pub(crate) fn window(
     ui: &mut Ui,

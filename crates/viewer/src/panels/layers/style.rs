@@ -1,6 +1,6 @@
 //! The look of a layer's values: its window over the histogram, colours and gamma.
 
-use crate::panels::widgets::{self, Scale, choice, own_color, problem_color, row, slider};
+use crate::panels::widgets::{self, Scale, choice, opacity, own_color, problem_color, row, slider};
 use crate::panels::{color_map, histogram};
 use brickyard::session::VolumeSource;
 use brickyard::store::metadata::ChannelStatistics;
@@ -36,8 +36,7 @@ pub(crate) fn show(ui: &mut Ui, layer: &mut SceneLayer, volume: &VolumeSource) {
 }
 
 pub(super) fn opacity_and_blend(ui: &mut Ui, layer: &mut SceneLayer) {
-    let hint = "factor of all opacities of the layer, 0 to 1";
-    slider(ui, "opacity", hint, &mut layer.opacity, (Scale::Linear, 0.0..=1.0, ""));
+    opacity(ui, "factor of all opacities of the layer, 0 to 1", &mut layer.opacity);
     let blends = [
         (None, "auto", "by mode: in projections and slices channels add and labels lie over; else all mix"),
         (Some(Blend::Mix), "mix", "as a medium in the same place as the others: hides things behind it"),
