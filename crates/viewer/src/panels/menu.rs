@@ -20,9 +20,12 @@ pub(crate) struct Subject<'a> {
     pub(crate) wanted: &'a mut Option<DialogKind>,
 }
 
-/// An entry with its shortcut key.
-fn entry<'a>(ui: &Ui, text: impl Into<String>, effect: &str) -> Button<'a> {
-    Button::new(text.into()).shortcut_text(keys::shown(ui.ctx(), effect))
+/// Shows an entry with its shortcut key, and takes its command.
+fn entry(ui: &mut Ui, can: bool, (text, effect): (&str, &str), command: Command, commands: &mut Vec<Command>) {
+    let entry = Button::new(text).shortcut_text(keys::shown(ui.ctx(), effect));
+    if ui.add_enabled(can, entry).clicked() {
+        commands.push(command);
+    }
 }
 
 /// The name of a switch with its key.
@@ -35,14 +38,8 @@ pub(crate) fn show(ui: &mut Ui, state: &mut State, subject: Subject<'_>, command
     MenuBar::new().ui(ui, |ui| {
         ui.menu_button("File", |ui| files(ui, subject, commands));
         ui.menu_button("Edit", |ui| {
-            for (text, effect, can, command) in
-                [("Undo", "undo", can_undo, Command::Undo), ("Redo", "redo", can_redo, Command::Redo)]
-            {
-                let entry = entry(ui, text, effect);
-                if ui.add_enabled(can, entry).clicked() {
-                    commands.push(command);
-                }
-            }
+            entry(ui, can_undo, ("Undo", "undo"), Command::Undo, commands);
+            entry(ui, can_redo, ("Redo", "redo"), Command::Redo, commands);
             if ui.add_enabled(!state.window.distances.is_empty(), Button::new("Remove distances")).clicked() {
                 state.window.distances.clear();
             }
@@ -85,14 +82,11 @@ fn files(ui: &mut Ui, subject: Subject<'_>, commands: &mut Vec<Command>) {
     });
     ui.separator();
     ui.add_enabled_ui(has_volumes, |ui| {
-        let picture = entry(ui, format!("Save picture ({PICTURE_FILE})"), "save the picture");
-        if ui.add(picture).clicked() {
-            commands.push(Command::SavePicture(PICTURE_FILE.into(), PictureForm::default()));
-        }
-        let scene = entry(ui, format!("Save scene ({SCENE_FILE})"), "save the scene");
-        if ui.add(scene).clicked() {
-            commands.push(Command::SaveScene(SCENE_FILE.into()));
-        }
+        let picture = format!("Save picture ({PICTURE_FILE})");
+        let save_picture = Command::SavePicture(PICTURE_FILE.into(), PictureForm::default());
+        entry(ui, true, (&picture, "save the picture"), save_picture, commands);
+        let scene = format!("Save scene ({SCENE_FILE})");
+        entry(ui, true, (&scene, "save the scene"), Command::SaveScene(SCENE_FILE.into()), commands);
         for (text, kind) in [
             ("Save picture...", DialogKind::SavePicture),
             ("Save scene as...", DialogKind::SaveScene),
@@ -104,10 +98,7 @@ fn files(ui: &mut Ui, subject: Subject<'_>, commands: &mut Vec<Command>) {
         }
     });
     ui.separator();
-    let quit = entry(ui, "Quit", "quit");
-    if ui.add(quit).clicked() {
-        commands.push(Command::Quit);
-    }
+    entry(ui, true, ("Quit", "quit"), Command::Quit, commands);
 }
 
 fn view(ui: &mut Ui, state: &mut State, is_patient: bool) {
