@@ -116,13 +116,8 @@ impl Command {
         if is_named { problem.into() } else { format!("{self}: {problem}") }
     }
 
-    /// Whether the command's last word is a file.
-    pub(crate) fn names_file(&self) -> bool {
-        self.file().is_some()
-    }
-
     /// The command's last word, if it is a file or several.
-    fn file(&self) -> Option<String> {
+    pub(crate) fn file(&self) -> Option<String> {
         match self {
             Self::Open(paths, _) => Some(listed(paths)),
             Self::OpenAs(path, description, _) => Some(described(path, description)),

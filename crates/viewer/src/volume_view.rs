@@ -253,16 +253,12 @@ pub(crate) fn whole_pixels(ui: &Ui) -> ((u32, u32), egui::Vec2) {
     (size_px, vec2(size_px.0 as f32, size_px.1 as f32) / scale)
 }
 
-/// Zoom factor of wheel and pinch in this frame.
-pub(crate) fn zoom_factor(ui: &Ui) -> f64 {
-    let (wheel, pinch) = ui.input(|input| (input.smooth_scroll_delta().y, input.zoom_delta()));
-    f64::from(pinch) * (f64::from(wheel) / 200.0).exp()
-}
-
 /// Zooms towards the pointer, by wheel and pinch.
 fn scrolled(ui: &Ui, lens: &Lens) -> Option<Command> {
-    let factor = zoom_factor(ui);
-    let pointer = ui.input(|input| input.pointer.hover_pos()).filter(|_| factor != 1.0)?;
+    let (wheel, pinch, pointer) =
+        ui.input(|input| (input.smooth_scroll_delta().y, input.zoom_delta(), input.pointer.hover_pos()));
+    let factor = f64::from(pinch) * (f64::from(wheel) / 200.0).exp();
+    let pointer = pointer.filter(|_| factor != 1.0)?;
     let place = (pointer - lens.area.min) / lens.area.size();
     Some(Command::Zoom { factor, at: Some([f64::from(place.x), f64::from(place.y)]) })
 }

@@ -171,7 +171,7 @@ impl Window {
             if matches!(command, Command::Undo | Command::Redo) {
                 return self.messages.remark(problem);
             }
-            let about = if command.names_file() { About::Work } else { About::Scene };
+            let about = if command.file().is_some() { About::Work } else { About::Scene };
             self.messages.say(about, command.failure(&problem));
         }
     }
