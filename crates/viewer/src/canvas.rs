@@ -4,6 +4,7 @@
 
 mod beside;
 mod capture;
+mod changes_seen;
 mod drawing;
 mod made;
 mod meeting;
@@ -13,8 +14,10 @@ mod row_drawing;
 mod row_pace;
 
 pub(crate) use capture::Captured;
+pub(crate) use changes_seen::Answer;
 
 use crate::device::Device;
+use crate::pacing::keep_last;
 use crate::screen::Screen;
 use beside::Task;
 use brickyard::backend::BackendChoice;
@@ -27,12 +30,13 @@ use brickyard::session::{
 };
 use brickyard::volume::{Camera, Picture, PixelSamples, Scene, SceneError};
 use capture::Capture;
+use changes_seen::ChangesSeen;
 use drawing::{Drawing, Engine, Known};
-use eframe::egui::{self, Painter, Rect};
+use eframe::egui::{Painter, Rect};
 use eframe::egui_wgpu::RenderState;
-use on_gpu::InRows;
+use on_gpu::{InRows, Parts};
 use picture::{Shown, Wanted};
-use row_drawing::{GpuCapture, RowDrawing};
+use row_pace::RowPace;
 use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -49,9 +53,6 @@ const PATIENCE: f64 = 1.5;
 /// Interval between looks at a picture in progress.
 const LOOK: Duration = Duration::from_millis(150);
 
-/// Time since the last answer after which a change counts as a first one, such as the press at the start of a drag.
-const REST: Duration = Duration::from_millis(250);
-
 /// Interval of checks for new bricks, by the window or a session beside it.
 pub(crate) const STREAMING_STEP: Duration = Duration::from_millis(8);
 
@@ -66,11 +67,7 @@ pub(crate) struct Canvas {
     drawing: Option<(Drawing, Task)>,
     known: Known,
     changes: Vec<Change>,
-    /// Pictures drawn in parts on a GPU, for the view and for saving.
-    in_rows: Option<InRows>,
-    gpu_capture: Option<GpuCapture>,
-    /// Share of an exact picture found fit for a part.
-    fitting: f64,
+    parts: Parts,
     /// Longest frame during changes, and the duration of one without drawing.
     goal: Duration,
     between: Duration,
@@ -86,21 +83,15 @@ pub(crate) struct Canvas {
     pub(crate) is_adaptive: bool,
     /// Whether a frame waits slightly beyond its goal for a moving view's picture: both use the same cores.
     pub(crate) is_patient: bool,
-    playback: Option<Playback>,
     pace: Pace,
     shown: Option<Shown>,
     /// Status of the last streaming step, and coming time steps; `None` before the first.
     stream: Option<(Status, Vec<ComingStep>)>,
     /// Times of the last frames, oldest first.
-    times: VecDeque<FrameTimes>,
-    /// Time spent since the last query.
-    spent: FrameTimes,
-    /// The last requested scene, and the number of changes; time and number of the first unanswered change; the answers, and the time of the last.
-    seen: Option<Scene>,
-    change: u64,
-    asked: Option<(Instant, u64)>,
-    answers: Vec<Answer>,
-    answered: Option<Instant>,
+    pub(crate) times: VecDeque<FrameTimes>,
+    /// Time spent since it was last taken.
+    pub(crate) spent: FrameTimes,
+    changes_seen: ChangesSeen,
     captures: VecDeque<Capture>,
     /// Whether saved pictures wait for a resting view; and its failed picture, for which they do not.
     gives_way: bool,
@@ -127,14 +118,6 @@ impl Change {
             }
         }
     }
-}
-
-/// Time from a change of the scene to its first picture.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Answer {
-    pub(crate) took: Duration,
-    /// Whether the view was at rest before.
-    pub(crate) is_first: bool,
 }
 
 /// Times of a frame's parts.
@@ -166,9 +149,10 @@ impl FrameTimes {
     }
 }
 
-/// The session's current and requested time step, as of the shown picture; a drawing session is ahead.
+/// The session's playback, and its current and requested time step, as of the shown picture; a drawing session is ahead.
 #[derive(Default)]
 struct Pace {
+    playback: Option<Playback>,
     is_playing: bool,
     is_seeking: bool,
     /// The step of the session's last frame, and the requested one.
@@ -202,29 +186,22 @@ impl Canvas {
             engine: Some(Box::new(Engine { session, control: QualityControl::new(goal) })),
             drawing: None,
             changes: Vec::new(),
-            in_rows: None,
-            gpu_capture: None,
-            fitting: 0.0,
+            parts: Parts::default(),
             goal,
             between: Duration::ZERO,
             options,
             picture: None,
             looked: None,
-            screen: device.map(|device| Screen::new(&device.state)),
+            screen: device.map(Screen::new),
             gpu: gpu_device.cloned(),
             is_adaptive: true,
             is_patient: false,
-            playback: None,
             pace: Pace::default(),
             shown: None,
             stream: None,
             times: VecDeque::new(),
             spent: FrameTimes::default(),
-            seen: None,
-            change: 0,
-            asked: None,
-            answers: Vec::new(),
-            answered: None,
+            changes_seen: ChangesSeen::default(),
             captures: VecDeque::new(),
             gives_way: true,
             failed: None,
@@ -250,8 +227,8 @@ impl Canvas {
             }
         }
         self.forget_captures();
-        (self.screen, self.shown, self.in_rows, self.gpu_capture) =
-            (Some(Screen::new(&device.state)), None, None, None);
+        (self.screen, self.shown) = (Some(Screen::new(device)), None);
+        self.parts.give_up();
         Ok(())
     }
 
@@ -285,7 +262,7 @@ impl Canvas {
 
     /// Applies a change: at once on a GPU, else when the session next leaves. Abandons the picture in progress.
     fn tell(&mut self, change: Change) {
-        (self.in_rows, self.gpu_capture) = (None, None);
+        self.parts.give_up();
         if matches!(change, Change::Volumes(_)) {
             self.forget_captures();
         }
@@ -294,7 +271,7 @@ impl Canvas {
             Some(engine) if self.gpu.is_some() => change.apply(&mut engine.session),
             _ => self.changes.push(change),
         }
-        self.drawing.iter().for_each(|(drawing, _)| drawing.abandon());
+        self.drawing.iter().for_each(|(drawing, _)| drawing.painting().abandon());
         self.keep_pace();
     }
 
@@ -335,13 +312,8 @@ impl Canvas {
     ///
     /// # Errors
     /// If the scene cannot be drawn, or the device fails. The texture stays as it is.
-    pub(crate) fn show(
-        &mut self,
-        scene: &Scene,
-        size_px: (u32, u32),
-        egui: &egui::Context,
-    ) -> Result<(), SessionError> {
-        let wanted = Wanted { scene: scene.clone(), size_px, is_paced: false, change: self.change };
+    pub(crate) fn show(&mut self, scene: &Scene, size_px: (u32, u32)) -> Result<(), SessionError> {
+        let wanted = Wanted { scene: scene.clone(), size_px, is_paced: false, change: self.changes_seen.count };
         let is_exact =
             |shown: &Shown| shown.is_of(&wanted) && shown.quality == Quality::EXACT && shown.frame.status.settled;
         let is_exact = self.shown.as_ref().is_some_and(is_exact);
@@ -356,23 +328,17 @@ impl Canvas {
         }
         if !gave_way && self.is_capturing() {
             // It stood still for the picture.
-            self.tell(Change::Play(self.playback));
+            self.tell(Change::Play(self.pace.playback));
         }
-        let shown = self.bring_on(scene, size_px, egui);
+        let shown = self.bring_on(scene, size_px);
         if shown.is_err() {
             self.failed = Some(wanted);
         }
         shown
     }
 
-    fn bring_on(&mut self, scene: &Scene, size_px: (u32, u32), egui: &egui::Context) -> Result<(), SessionError> {
-        if self.seen.as_ref() != Some(scene) {
-            self.seen = Some(scene.clone());
-            self.change += 1;
-            if self.shown.as_ref().is_some_and(|shown| shown.scene != *scene) {
-                self.asked.get_or_insert((Instant::now(), self.change));
-            }
-        }
+    fn bring_on(&mut self, scene: &Scene, size_px: (u32, u32)) -> Result<(), SessionError> {
+        self.changes_seen.see(scene, self.shown.as_ref());
         // The scene follows the picture seen so far, not the one arriving now.
         let is_known = scene.time == self.pace.asked || Some(scene.time) == self.step_seen();
         self.arrive()?;
@@ -380,38 +346,38 @@ impl Canvas {
         // Playback requests the shown picture's step, which the session may have left already.
         let is_paced = self.pace.is_playing && !self.pace.is_jump;
         let time = if is_paced { self.pace.stepped } else { scene.time };
-        let wanted = Wanted { scene: Scene { time, ..scene.clone() }, size_px, is_paced, change: self.change };
+        let wanted =
+            Wanted { scene: Scene { time, ..scene.clone() }, size_px, is_paced, change: self.changes_seen.count };
         if self.drawing.is_some() {
             self.look_on(&wanted);
             // A frame of the window may take as long as the next picture.
-            let is_home =
-                self.drawing.as_ref().is_some_and(|(drawing, _)| drawing.is_abandoned()) && self.wait(GIVING_UP);
-            if !is_home {
+            let is_abandoned = self.drawing.as_ref().is_some_and(|(drawing, _)| drawing.painting().is_abandoned());
+            if !(is_abandoned && self.wait(GIVING_UP)) {
                 return Ok(());
             }
             self.arrive()?;
         }
         let is_shown = !self.is_playing() && self.shown.as_ref().is_some_and(|shown| shown.is_of(&wanted));
-        let goes_on = match &self.in_rows {
+        let goes_on = match &self.parts.shown {
             Some(InRows::Show { shown, .. }) => !self.is_playing() && shown.is_of(&wanted),
             Some(InRows::Smooth(_)) => is_shown,
             None => false,
         };
         if goes_on {
-            return self.draw_rows(egui);
+            return self.draw_rows();
         }
-        self.in_rows = None;
+        self.parts.shown = None;
         match self.shown.as_ref().filter(|_| is_shown).and_then(|shown| shown.samples_left) {
             Some(0) => return Ok(()),
-            Some(_) => return self.smooth(egui),
+            Some(_) => return self.smooth(),
             None => {}
         }
         self.pace.asked = scene.time;
         match (&self.gpu, &self.screen) {
-            (Some(_), _) => self.show_on_gpu(&wanted, egui),
+            (Some(_), _) => self.show_on_gpu(&wanted),
             (None, Some(_)) => {
                 let moves = self.shown.as_ref().is_some_and(|shown| !shown.is_of(&wanted));
-                self.show_beside(wanted, egui)?;
+                self.show_beside(wanted)?;
                 if moves && self.is_patient && !self.is_playing() && self.wait(self.goal.mul_f64(PATIENCE)) {
                     self.arrive()?;
                 }
@@ -431,10 +397,7 @@ impl Canvas {
 
     /// Records a picture's times; its streaming step is counted already, or was beside the window.
     fn took(&mut self, times: FrameTimes) {
-        if self.times.len() == FRAMES {
-            self.times.pop_front();
-        }
-        self.times.push_back(times);
+        keep_last(&mut self.times, FRAMES, times);
         self.spent = self.spent.and(FrameTimes { step: Duration::ZERO, ..times });
     }
 
@@ -444,19 +407,15 @@ impl Canvas {
             self.shown.iter_mut().for_each(|shown| shown.samples_left = None);
             return;
         }
-        let Shown { scene, frame, quality, change, .. } = &shown;
+        let Shown { of, frame, quality, .. } = &shown;
         if !frame.status.covered {
             // This never happens; tests of the window search the log for it.
             tracing::error!("a picture has a hole");
         }
         self.failed = None;
-        if let Some((at, _)) = self.asked.take_if(|(_, asked)| *asked <= *change) {
-            let is_first = self.answered.is_none_or(|answered| at.saturating_duration_since(answered) > REST);
-            self.answers.push(Answer { took: at.elapsed(), is_first });
-            self.answered = Some(Instant::now());
-        }
+        self.changes_seen.answer(of.change);
         let is_exact = drawn == Drawn::Whole && frame.status.settled && *quality == Quality::EXACT;
-        let samples_left = is_exact.then(|| match scene.pixel_samples {
+        let samples_left = is_exact.then(|| match of.scene.pixel_samples {
             PixelSamples::ONE => 0,
             more => more.count(),
         });
@@ -467,21 +426,31 @@ impl Canvas {
     ///
     /// # Errors
     /// If the device fails. The texture stays as it is.
-    fn smooth(&mut self, egui: &egui::Context) -> Result<(), SessionError> {
-        let Some(Shown { scene, frame, size_px, samples_left: Some(left), .. }) = &self.shown else { return Ok(()) };
-        let samples = scene.pixel_samples;
+    fn smooth(&mut self) -> Result<(), SessionError> {
+        let Some(Shown { of, frame, samples_left: Some(left), .. }) = &self.shown else { return Ok(()) };
+        let samples = of.scene.pixel_samples;
         let Some(sample) = samples.samples().nth(samples.count() - *left) else { return Ok(()) };
-        let (frame, size_px, has_two_eyes) = (frame.of_sample(sample), *size_px, scene.stereo.is_some());
+        let (frame, size_px) = (frame.of_sample(sample), of.size_px);
         match self.gpu {
-            Some(_) => self.smooth_on_gpu(frame, egui),
-            None => self.smooth_beside(frame, (size_px, has_two_eyes), egui),
+            Some(_) => self.smooth_on_gpu(frame),
+            None => self.smooth_beside(frame, size_px),
+        }
+    }
+
+    /// Counts a sample added to the shown picture. After the last one their mean is visible.
+    fn count_sample(&mut self) {
+        if let (Some(Shown { samples_left: Some(left), .. }), Some(screen)) = (&mut self.shown, &mut self.screen) {
+            *left = left.saturating_sub(1);
+            if *left == 0 {
+                screen.show_mean();
+            }
         }
     }
 
     /// Plays time steps from the shown one on; `None` stands still.
     pub(crate) fn play(&mut self, playback: Option<Playback>) {
-        if self.playback != playback {
-            self.playback = playback;
+        if self.pace.playback != playback {
+            self.pace.playback = playback;
             self.tell(Change::Play(playback));
         }
     }
@@ -533,8 +502,8 @@ impl Canvas {
 
     /// The drawn share of the picture in progress, 0 to 1, once it takes long; `None` without one.
     pub(crate) fn progress(&self) -> Option<f64> {
-        if let Some(drawing) = self.in_rows.as_ref().map(InRows::drawing) {
-            return (drawing.since() > LOOK).then(|| drawing.share());
+        if let Some(pace) = self.parts.shown.as_ref().map(InRows::pace) {
+            return (pace.since() > LOOK).then(|| pace.share());
         }
         let (drawing, task) = self.drawing.as_ref()?;
         let since = match task {
@@ -543,15 +512,13 @@ impl Canvas {
             // Saved pictures have their own progress row.
             Task::Capture => None,
         };
-        since.filter(|since| *since > LOOK).map(|_| drawing.progress())
+        since.filter(|since| *since > LOOK).map(|_| drawing.painting().progress())
     }
 
     /// Delay until the next check on an unfinished picture. Pictures beside the window or in parts report their end.
     pub(crate) fn look_after(&self) -> Duration {
         let [soonest, latest] = DRAWING_STEPS;
-        let in_parts = self.in_rows.as_ref().map(InRows::drawing);
-        let in_parts = in_parts.or(self.gpu_capture.as_ref().and_then(GpuCapture::drawing));
-        let in_parts = in_parts.filter(|drawing| drawing.is_under_way()).map(RowDrawing::since);
+        let in_parts = self.parts.pace().filter(|pace| pace.is_under_way()).map(RowPace::since);
         let since = self.drawing.as_ref().map(|(drawing, _)| drawing.since()).or(in_parts);
         since.map_or(STREAMING_STEP, |since| since.clamp(soonest, latest))
     }
@@ -604,10 +571,8 @@ impl Canvas {
 
     /// Backend and host memory in use, in bytes.
     pub(crate) fn memory_bytes(&self) -> (u64, u64) {
-        (
-            self.known(Session::backend_bytes, |known| known.backend_bytes),
-            self.status().map_or(0, |status| status.host_bytes),
-        )
+        let host_bytes = self.status().map_or(0, |status| status.host_bytes);
+        (self.known(Session::backend_bytes, |known| known.backend_bytes), host_bytes)
     }
 
     /// Checks whether a scene can be shown.
@@ -618,19 +583,9 @@ impl Canvas {
         check(self.volumes(), scene)
     }
 
-    /// Times of the last frames, oldest first.
-    pub(crate) fn times(&self) -> &VecDeque<FrameTimes> {
-        &self.times
-    }
-
-    /// Takes the time spent since the last call.
-    pub(crate) fn take_spent(&mut self) -> FrameTimes {
-        std::mem::take(&mut self.spent)
-    }
-
     /// Takes the answers since the last call.
     pub(crate) fn take_answers(&mut self) -> Vec<Answer> {
-        std::mem::take(&mut self.answers)
+        std::mem::take(&mut self.changes_seen.answers)
     }
 
     /// The current draw list of each layer.

@@ -47,26 +47,15 @@ pub(crate) fn show(lens: &Lens, clip: [DVec3; 2], near: Option<Face>) {
 
 /// The nearest handle within reach.
 pub(crate) fn at(lens: &Lens, clip: [DVec3; 2], pointer: Pos2) -> Option<Face> {
-    let near = Face::all().filter_map(|face| {
-        let distance = lens.place(face.middle(clip))?.distance(pointer);
-        (distance <= REACH).then_some((distance, face))
-    });
-    near.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, face)| face)
+    lens.nearest(Face::all().map(|face| (face, face.middle(clip))), pointer, REACH)
 }
 
 /// The box after dragging a face of `clip` by `by` points. It stays within the volumes' box and keeps some thickness.
 pub(crate) fn dragged(lens: &Lens, clip: [DVec3; 2], face: Face, by: Vec2, whole: (DVec3, DVec3)) -> [DVec3; 2] {
     let axis = face.axis;
     let size = whole.1[axis] - whole.0[axis];
-    let middle = face.middle(clip);
-    let ahead = middle + DVec3::AXES[axis] * (1e-3 * size);
-    let (Some(from), Some(to)) = (lens.place(middle), lens.place(ahead)) else { return clip };
-    // Points in the window per unit of the world.
-    let rate = (to - from) / (1e-3 * size) as f32;
-    if rate.length_sq() < 1e-12 {
-        return clip;
-    }
-    let moved = f64::from(by.dot(rate) / rate.length_sq());
+    let moved = lens.distance(face.middle(clip), DVec3::AXES[axis], 1e-3 * size, by);
+    let Some(moved) = moved else { return clip };
     let thinnest = THINNEST * size;
     let [mut low, mut high] = clip;
     if face.is_high {

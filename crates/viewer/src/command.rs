@@ -1,5 +1,6 @@
 //! Commands: every action in the window, as words. A button, a key and a script's line give the same command, so a script replays a user's actions.
 
+use crate::fields::differences;
 use crate::marks::Marks;
 use crate::panels::description::Description;
 use brickyard::volume::Viewpoint;
@@ -38,10 +39,8 @@ pub(crate) enum Command {
     Set(Vec<(String, Value)>),
     /// Click, in points from the window's upper left corner.
     Click([f64; 2]),
-    /// Show other volumes: stores, or files and folders shown while being packed.
-    Open(Vec<PathBuf>),
-    /// Show volumes or meshes beside the current ones.
-    Add(Vec<PathBuf>),
+    /// Show volumes: stores, or files and folders shown while being packed; or meshes, beside the current volumes.
+    Open(Vec<PathBuf>, Placing),
     /// Open or add a file, with a description of missing metadata.
     OpenAs(PathBuf, Description, Placing),
     /// Undo the last edit.
@@ -80,10 +79,11 @@ pub(crate) struct PictureForm {
     pub(crate) marks: Option<Marks>,
 }
 
-impl PictureForm {
-    fn words(&self) -> impl Iterator<Item = String> {
-        let size = self.size_px.map(|(width, height)| format!("{width}x{height}"));
-        size.into_iter().chain(self.marks.map(|marks| format!("{OVER}{marks}")))
+impl fmt::Display for PictureForm {
+    /// Writes the form's words, each with a space behind it.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.size_px.map_or(Ok(()), |(width, height)| write!(f, "{width}x{height} "))?;
+        self.marks.map_or(Ok(()), |marks| write!(f, "{OVER}{marks} "))
     }
 }
 
@@ -107,73 +107,30 @@ impl Command {
     }
 
     pub(crate) fn opens(&self) -> bool {
-        matches!(self, Self::Open(_) | Self::Add(_) | Self::OpenAs(..))
+        matches!(self, Self::Open(..) | Self::OpenAs(..))
     }
 
     /// The message for a failure. A file already named by the problem is not repeated.
     pub(crate) fn failure(&self, problem: &str) -> String {
-        let is_named = self.words().last().is_some_and(|last| last.len() > 1 && problem.contains(last.as_str()));
-        if is_named && self.names_file() { problem.into() } else { format!("{self}: {problem}") }
+        let is_named = self.file().is_some_and(|file| file.len() > 1 && problem.contains(&file));
+        if is_named { problem.into() } else { format!("{self}: {problem}") }
     }
 
-    /// Whether the command's last word is a file.
-    pub(crate) fn names_file(&self) -> bool {
-        self.takes_time() || matches!(self, Self::SaveScene(_))
-    }
-
-    /// The command's words, its name first.
-    fn words(&self) -> Vec<String> {
-        let name = |name: &str| vec![name.to_string()];
-        let with = |name: &str, words: &[String]| [&[name.to_string()], words].concat();
-        let numbers = |name, numbers: &[f64]| with(name, &numbers.iter().map(f64::to_string).collect::<Vec<_>>());
-        let path = |name, path: &PathBuf| with(name, &[path.display().to_string()]);
+    /// The command's last word, if it is a file or several.
+    pub(crate) fn file(&self) -> Option<String> {
         match self {
-            Self::Orbit { right_deg, up_deg, about } => {
-                let about = about.iter().flat_map(|point| point.to_array());
-                numbers("orbit", &[*right_deg, *up_deg].into_iter().chain(about).collect::<Vec<_>>())
+            Self::Open(paths, _) => Some(listed(paths)),
+            Self::OpenAs(path, description, _) => Some(described(path, description)),
+            Self::SaveScene(path) | Self::SavePicture(path, _) | Self::Export(path) | Self::Screenshot(path) => {
+                Some(path.display().to_string())
             }
-            Self::Look { right_deg, up_deg } => numbers("look", &[*right_deg, *up_deg]),
-            Self::Roll { angle_deg } => numbers("roll", &[*angle_deg]),
-            Self::Pan { right, up } => numbers("pan", &[*right, *up]),
-            Self::Fly { right, up, forward } => numbers("fly", &[*right, *up, *forward]),
-            Self::Zoom { factor, at } => {
-                numbers("zoom", &[*factor].into_iter().chain(at.iter().flatten().copied()).collect::<Vec<_>>())
-            }
-            Self::View(view) => {
-                let known = Viewpoint::all().find(|(_, known)| known == view);
-                with("view", &[known.map_or_else(String::new, |(name, _)| name.to_string())])
-            }
-            Self::Fit => name("fit"),
-            Self::Center(point) => numbers("center", &point.to_array()),
-            Self::Parallel(is_on) => with("parallel", &[on_or_off(*is_on)]),
-            Self::Clip(is_on) => with("clip", &[on_or_off(*is_on)]),
-            Self::Set(fields) => match &fields[..] {
-                [(field, value)] => with("set", &[field.clone(), value.to_string()]),
-                _ => with("set", &[Value::Object(Map::from_iter(fields.iter().cloned())).to_string()]),
-            },
-            Self::Click([x, y]) => numbers("click", &[*x, *y]),
-            Self::Open(paths) => with("open", &[listed(paths)]),
-            Self::Add(paths) => with("add", &[listed(paths)]),
-            Self::OpenAs(path, description, placing) => {
-                let name = if *placing == Placing::Beside { "add-as" } else { "open-as" };
-                with(name, &[described(path, description)])
-            }
-            Self::Undo => name("undo"),
-            Self::Redo => name("redo"),
-            Self::SaveScene(file) => path("save-scene", file),
-            Self::SavePicture(file, form) => {
-                with("save-picture", &form.words().chain([file.display().to_string()]).collect::<Vec<_>>())
-            }
-            Self::Export(file) => path("export", file),
-            Self::Screenshot(file) => path("screenshot", file),
-            Self::Quit => name("quit"),
-            Self::LoseGpu => name("lose-gpu"),
+            _ => None,
         }
     }
 }
 
-fn on_or_off(is_on: bool) -> String {
-    if is_on { "on" } else { "off" }.into()
+fn on_or_off(is_on: bool) -> &'static str {
+    if is_on { "on" } else { "off" }
 }
 
 /// Paths as words: several as a JSON list.
@@ -185,11 +142,12 @@ fn listed(paths: &[PathBuf]) -> String {
     }
 }
 
-/// A path and its description, as a JSON object.
+/// A path and its description, as a JSON object of the described properties.
 fn described(path: &Path, description: &Description) -> String {
-    let mut object = serde_json::to_value(description).unwrap_or_default();
-    object["path"] = path.display().to_string().into();
-    object.to_string()
+    let [nothing, all] = [&Description::default(), description].map(|it| serde_json::to_value(it).unwrap_or_default());
+    let mut object = Map::from_iter(differences(&nothing, &all));
+    object.insert("path".into(), path.display().to_string().into());
+    Value::Object(object).to_string()
 }
 
 /// Parses a path and its description from a JSON object.
@@ -201,7 +159,44 @@ fn description(text: &str) -> Option<(PathBuf, Description)> {
 
 impl fmt::Display for Command {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(&self.words().join(" "))
+        let file = self.file().unwrap_or_default();
+        match self {
+            Self::Orbit { right_deg, up_deg, about: None } => write!(f, "orbit {right_deg} {up_deg}"),
+            Self::Orbit { right_deg, up_deg, about: Some(DVec3 { x, y, z }) } => {
+                write!(f, "orbit {right_deg} {up_deg} {x} {y} {z}")
+            }
+            Self::Look { right_deg, up_deg } => write!(f, "look {right_deg} {up_deg}"),
+            Self::Roll { angle_deg } => write!(f, "roll {angle_deg}"),
+            Self::Pan { right, up } => write!(f, "pan {right} {up}"),
+            Self::Fly { right, up, forward } => write!(f, "fly {right} {up} {forward}"),
+            Self::Zoom { factor, at: None } => write!(f, "zoom {factor}"),
+            Self::Zoom { factor, at: Some([right, down]) } => write!(f, "zoom {factor} {right} {down}"),
+            Self::View(view) => {
+                let known = Viewpoint::all().find(|(_, known)| known == view);
+                write!(f, "view {}", known.map_or("", |(name, _)| name))
+            }
+            Self::Fit => f.write_str("fit"),
+            Self::Center(DVec3 { x, y, z }) => write!(f, "center {x} {y} {z}"),
+            Self::Parallel(is_on) => write!(f, "parallel {}", on_or_off(*is_on)),
+            Self::Clip(is_on) => write!(f, "clip {}", on_or_off(*is_on)),
+            Self::Set(fields) => match &fields[..] {
+                [(field, value)] => write!(f, "set {field} {value}"),
+                _ => write!(f, "set {}", Value::Object(Map::from_iter(fields.iter().cloned()))),
+            },
+            Self::Click([x, y]) => write!(f, "click {x} {y}"),
+            Self::Open(_, Placing::Instead) => write!(f, "open {file}"),
+            Self::Open(_, Placing::Beside) => write!(f, "add {file}"),
+            Self::OpenAs(.., Placing::Instead) => write!(f, "open-as {file}"),
+            Self::OpenAs(.., Placing::Beside) => write!(f, "add-as {file}"),
+            Self::Undo => f.write_str("undo"),
+            Self::Redo => f.write_str("redo"),
+            Self::SaveScene(_) => write!(f, "save-scene {file}"),
+            Self::SavePicture(_, form) => write!(f, "save-picture {form}{file}"),
+            Self::Export(_) => write!(f, "export {file}"),
+            Self::Screenshot(_) => write!(f, "screenshot {file}"),
+            Self::Quit => f.write_str("quit"),
+            Self::LoseGpu => f.write_str("lose-gpu"),
+        }
     }
 }
 
@@ -253,51 +248,41 @@ impl FromStr for Command {
 
 /// Parses a command; `None` if its arguments are malformed.
 fn parsed(name: &str, rest: &str) -> Option<Command> {
-    let words: Vec<&str> = rest.split_whitespace().collect();
     let number = |text: &str| text.parse().ok().filter(|number: &f64| number.is_finite());
-    let switch = |text: &str| match text {
+    let numbers: Option<Vec<f64>> = rest.split_whitespace().map(number).collect();
+    let switch = || match rest {
         "on" => Some(true),
         "off" => Some(false),
         _ => None,
     };
+    let placing = if name.starts_with("add") { Placing::Beside } else { Placing::Instead };
     let file = || (!rest.is_empty()).then(|| PathBuf::from(rest));
-    Some(match (name, &words[..]) {
-        ("orbit", [right, up, about @ ..]) => {
-            let about = match about {
-                [] => None,
-                [x, y, z] => Some(DVec3::new(number(x)?, number(y)?, number(z)?)),
-                _ => return None,
-            };
-            Command::Orbit { right_deg: number(right)?, up_deg: number(up)?, about }
+    Some(match (name, &numbers.unwrap_or_default()[..]) {
+        ("orbit", &[right_deg, up_deg]) => Command::orbit(right_deg, up_deg),
+        ("orbit", &[right_deg, up_deg, x, y, z]) => {
+            Command::Orbit { right_deg, up_deg, about: Some(DVec3::new(x, y, z)) }
         }
-        ("look", [right, up]) => Command::Look { right_deg: number(right)?, up_deg: number(up)? },
-        ("roll", [angle]) => Command::Roll { angle_deg: number(angle)? },
-        ("pan", [right, up]) => Command::Pan { right: number(right)?, up: number(up)? },
-        ("fly", [right, up, forward]) => {
-            Command::Fly { right: number(right)?, up: number(up)?, forward: number(forward)? }
-        }
-        ("zoom", [factor, at @ ..]) => {
-            let at = match at {
-                [] => None,
-                [right, down] => Some([number(right)?, number(down)?]),
-                _ => return None,
-            };
-            Command::Zoom { factor: number(factor).filter(|&factor| factor > 0.0)?, at }
-        }
-        ("fit", []) => Command::Fit,
-        ("center", [x, y, z]) => Command::Center(DVec3::new(number(x)?, number(y)?, number(z)?)),
-        ("parallel", [is_on]) => Command::Parallel(switch(is_on)?),
-        ("clip", [is_on]) => Command::Clip(switch(is_on)?),
-        ("set", [..]) => Command::Set(fields(rest)?),
-        ("click", [x, y]) => Command::Click([number(x)?, number(y)?]),
-        ("open", _) => Command::Open(paths(rest)?),
-        ("add", _) => Command::Add(paths(rest)?),
+        ("look", &[right_deg, up_deg]) => Command::Look { right_deg, up_deg },
+        ("roll", &[angle_deg]) => Command::Roll { angle_deg },
+        ("pan", &[right, up]) => Command::Pan { right, up },
+        ("fly", &[right, up, forward]) => Command::Fly { right, up, forward },
+        ("zoom", &[factor]) if factor > 0.0 => Command::Zoom { factor, at: None },
+        ("zoom", &[factor, right, down]) if factor > 0.0 => Command::Zoom { factor, at: Some([right, down]) },
+        ("center", &[x, y, z]) => Command::Center(DVec3::new(x, y, z)),
+        ("click", &[x, y]) => Command::Click([x, y]),
+        ("fit", _) if rest.is_empty() => Command::Fit,
+        ("undo", _) if rest.is_empty() => Command::Undo,
+        ("redo", _) if rest.is_empty() => Command::Redo,
+        ("quit", _) if rest.is_empty() => Command::Quit,
+        ("lose-gpu", _) if rest.is_empty() => Command::LoseGpu,
+        ("parallel", _) => Command::Parallel(switch()?),
+        ("clip", _) => Command::Clip(switch()?),
+        ("set", _) => Command::Set(fields(rest)?),
+        ("open" | "add", _) => Command::Open(paths(rest)?, placing),
         ("open-as" | "add-as", _) => {
             let (path, description) = description(rest)?;
-            Command::OpenAs(path, description, if name == "add-as" { Placing::Beside } else { Placing::Instead })
+            Command::OpenAs(path, description, placing)
         }
-        ("undo", []) => Command::Undo,
-        ("redo", []) => Command::Redo,
         ("save-scene", _) => Command::SaveScene(file()?),
         ("save-picture", _) => {
             let (form, path) = picture_form(rest)?;
@@ -305,8 +290,6 @@ fn parsed(name: &str, rest: &str) -> Option<Command> {
         }
         ("export", _) => Command::Export(file()?),
         ("screenshot", _) => Command::Screenshot(file()?),
-        ("quit", []) => Command::Quit,
-        ("lose-gpu", []) => Command::LoseGpu,
         _ => return None,
     })
 }
@@ -406,8 +389,8 @@ mod tests {
             prop::sample::select(plain),
             fields().prop_map(Command::Set),
             [number(), number()].prop_map(Command::Click),
-            files().prop_map(Command::Open),
-            files().prop_map(Command::Add),
+            files().prop_map(|paths| Command::Open(paths, Placing::Instead)),
+            files().prop_map(|paths| Command::Open(paths, Placing::Beside)),
             (file(), any::<bool>()).prop_map(|(file, is_added)| {
                 let text = r#"{"shape": [1, 2, 3], "voxel_type": "u16", "axes": "tzyx", "labels": true, "spacing": [1, 2, 0.5]}"#;
                 let placing = if is_added { Placing::Beside } else { Placing::Instead };

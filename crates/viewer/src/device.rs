@@ -5,7 +5,7 @@ use crate::guard::guarded;
 use brickyard::render::{Gpu, wgpu};
 use eframe::egui;
 use eframe::egui_wgpu::{RenderState, WgpuSetup, WgpuSetupCreateNew};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, OnceLock};
 use wgpu::{Adapter, DeviceType, PollType, PowerPreference, Surface};
 
 /// The device's setup. `is_software` prefers a software adapter.
@@ -80,35 +80,24 @@ fn obstacle(adapter: &Adapter, surface: Option<&Surface<'_>>) -> Option<String> 
 #[derive(Clone)]
 pub(crate) struct Device {
     pub(crate) state: RenderState,
-    loss: Loss,
-}
-
-/// The reason for a device's loss, if it is lost.
-#[derive(Clone, Default)]
-struct Loss(Arc<Mutex<Option<String>>>);
-
-impl Loss {
-    fn lock(&self) -> MutexGuard<'_, Option<String>> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    fn set(&self, reason: String) {
-        self.lock().get_or_insert(reason);
-    }
+    /// The window's context, for repaints.
+    pub(crate) egui: egui::Context,
+    /// The reason for its loss, once it is lost.
+    loss: Arc<OnceLock<String>>,
 }
 
 impl Device {
     /// Watches a window's device, and repaints the window on its loss.
     pub(crate) fn new(state: &RenderState, egui: &egui::Context) -> Self {
-        let (loss, wake) = (Loss::default(), egui.clone());
+        let (loss, wake) = (Arc::<OnceLock<String>>::default(), egui.clone());
         let heard = loss.clone();
         state.device.set_device_lost_callback(move |reason, message| {
-            heard.set(format!("{reason:?} {message}").trim().to_string());
+            heard.get_or_init(|| format!("{reason:?} {message}").trim().to_string());
             wake.request_repaint();
         });
         // Without a handler wgpu panics. Sessions catch their own errors.
         state.device.on_uncaptured_error(Arc::new(|error| tracing::error!("GPU: {error}")));
-        Self { state: state.clone(), loss }
+        Self { state: state.clone(), egui: egui.clone(), loss }
     }
 
     pub(crate) fn is_software(&self) -> bool {
@@ -117,12 +106,12 @@ impl Device {
 
     /// The reason for its loss, if it is lost. Polls the device without waiting.
     pub(crate) fn lost(&self) -> Option<String> {
-        match guarded(|| self.state.device.poll(PollType::Poll)) {
-            Ok(Ok(_) | Err(wgpu::PollError::Timeout)) => {}
-            Ok(Err(error)) => self.loss.set(error.to_string()),
-            Err(panic) => self.loss.set(panic),
-        }
-        self.loss.lock().clone()
+        let reason = match guarded(|| self.state.device.poll(PollType::Poll)) {
+            Ok(Ok(_) | Err(wgpu::PollError::Timeout)) => return self.loss.get().cloned(),
+            Ok(Err(error)) => error.to_string(),
+            Err(panic) => panic,
+        };
+        Some(self.loss.get_or_init(|| reason).clone())
     }
 
     /// Loses it, for tests.

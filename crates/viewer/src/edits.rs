@@ -81,15 +81,12 @@ fn keep_files(scene: &mut Scene, before: &Scene) {
         let known = before.meshes.iter().find(|known| known.path == look.path);
         look.mesh = known.and_then(|known| known.mesh.clone());
     }
-    let choices = |scene: &Scene| -> Vec<_> {
-        let of_expression = scene.expression.iter().filter_map(|expression| expression.transfer.clone());
-        scene.layers.iter().filter_map(|layer| layer.transfer.clone()).chain(of_expression).collect()
-    };
-    let known = choices(before);
+    let of_expression = before.expression.iter().filter_map(|expression| expression.transfer.as_ref());
+    let known = before.layers.iter().filter_map(|layer| layer.transfer.as_ref()).chain(of_expression);
     let of_expression = scene.expression.iter_mut().filter_map(|expression| expression.transfer.as_mut());
     for choice in scene.layers.iter_mut().filter_map(|layer| layer.transfer.as_mut()).chain(of_expression) {
         let TransferChoice::File(file) = choice else { continue };
-        let same = known.iter().find_map(|known| match known {
+        let same = known.clone().find_map(|known| match known {
             TransferChoice::File(known) if (&known.path, &known.name) == (&file.path, &file.name) => Some(known),
             _ => None,
         });

@@ -2,7 +2,7 @@
 
 use crate::planes::{Grid, first_shown};
 use crate::work_row;
-use brickyard::background::{self, Background};
+use brickyard::background::{self, Background, BackgroundError};
 use brickyard::session::VolumeSource;
 use brickyard::store::{ExportError, ExportRequest, ExportTime, Store};
 use brickyard::volume::{Extent, Scene, VoxelBox, VoxelType, box_corners};
@@ -13,9 +13,6 @@ use std::sync::Arc;
 
 /// Distance from a border between voxels, in voxels, within which a face lies on it: the world rounds faces.
 const SNAP: f64 = 1e-6;
-
-/// The reason an export failed.
-type Failed = background::BackgroundError<ExportError>;
 
 /// The visible part of a store.
 pub(crate) struct Part {
@@ -87,7 +84,7 @@ impl Exporting {
         let path = self.path.display();
         Some(match self.work.poll()? {
             Ok(Extent { x, y, z }) => Ok(format!("wrote {path}: {x} x {y} x {z} {}", self.voxel_type)),
-            Err(Failed::Failed(ExportError::Exists { .. })) => {
+            Err(BackgroundError::Failed(ExportError::Exists { .. })) => {
                 Err(format!("{path}: exists already; choose another name"))
             }
             Err(error) => Err(error.to_string()),

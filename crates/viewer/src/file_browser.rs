@@ -48,30 +48,24 @@ enum EntryKind {
 
 impl FileBrowser {
     pub(crate) fn new(folder: &Path) -> Self {
-        let mut browser = Self {
-            folder: PathBuf::new(),
-            entries: Ok(Vec::new()),
-            typed: String::new(),
+        // The parent of a bare file name is the working folder.
+        let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
+        let folder = std::path::absolute(folder).unwrap_or_else(|_| folder.to_owned());
+        Self {
+            entries: entries(&folder).map_err(|error| format!("{}: {error}", folder.display())),
+            typed: folder.display().to_string(),
             sought: String::new(),
             has_all: false,
             marked: 0,
             wants_focus: true,
-            check: None,
+            check: Some(check_folder(folder.clone())),
             refusal: None,
-        };
-        browser.enter(folder);
-        browser
+            folder,
+        }
     }
 
     fn enter(&mut self, folder: &Path) {
-        // The parent of a bare file name is the working folder.
-        let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
-        self.folder = std::path::absolute(folder).unwrap_or_else(|_| folder.to_owned());
-        self.entries = entries(&self.folder).map_err(|error| format!("{}: {error}", self.folder.display()));
-        self.typed = self.folder.display().to_string();
-        self.sought.clear();
-        (self.marked, self.wants_focus) = (0, true);
-        (self.check, self.refusal) = (Some(check_folder(self.folder.clone())), None);
+        *self = Self { has_all: self.has_all, ..Self::new(folder) };
     }
 
     /// Takes the result of the check, once there is one.
@@ -116,23 +110,23 @@ impl FileBrowser {
                 target = Some(self.folder.join(&self.typed));
             }
         });
-        let shown = self.search(ui, &mut target);
+        let (listed, is_moved) = self.search(ui, &mut target);
         ui.separator();
         egui::ScrollArea::vertical().auto_shrink(false).max_height(360.0).show(ui, |ui| match &self.entries {
             Err(problem) => {
                 ui.colored_label(ui.visuals().error_fg_color, problem);
             }
             Ok(entries) => {
-                if shown.indices.is_empty() {
+                if listed.is_empty() {
                     ui.weak(if entries.is_empty() {
                         "an empty folder"
                     } else {
                         "no such file here; see \"all files\""
                     });
                 }
-                for (place, entry) in shown.indices.iter().map(|&i| &entries[i]).enumerate() {
+                for (place, entry) in listed.iter().map(|&i| &entries[i]).enumerate() {
                     let line = ui.selectable_label(place == self.marked, entry.words());
-                    if place == self.marked && shown.is_moved {
+                    if place == self.marked && is_moved {
                         line.scroll_to_me(None);
                     }
                     if line.clicked() {
@@ -155,8 +149,9 @@ impl FileBrowser {
         chosen.or_else(|| self.go(target?))
     }
 
-    /// Shows the field for a part of names, focused at first: arrows mark an entry, Enter opens it. Returns the listed entries.
-    fn search(&mut self, ui: &mut Ui, target: &mut Option<PathBuf>) -> Listed {
+    /// Shows the field for a part of names, focused at first: arrows mark an entry, Enter opens it. Returns the listed entries, and
+    /// whether the mark has moved.
+    fn search(&mut self, ui: &mut Ui, target: &mut Option<PathBuf>) -> (Vec<usize>, bool) {
         let id = ui.scope_id().with("sought");
         let mut steps = 0;
         if ui.memory(|memory| memory.has_focus(id)) {
@@ -183,15 +178,8 @@ impl FileBrowser {
         if is_entered {
             *target = indices.get(self.marked).map(|&i| entries[i].path.clone());
         }
-        Listed { indices, is_moved: steps != 0 }
+        (indices, steps != 0)
     }
-}
-
-/// The listed entries.
-struct Listed {
-    indices: Vec<usize>,
-    /// Whether the mark has moved.
-    is_moved: bool,
 }
 
 impl Entry {

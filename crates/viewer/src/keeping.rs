@@ -3,6 +3,7 @@
 
 use crate::state::State;
 use brickyard::text_file::{read_text, write_text};
+use serde::Serialize;
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -51,9 +52,7 @@ impl Keeper {
     /// If the file cannot be written.
     pub(crate) fn write(&mut self) -> Result<(), String> {
         let (Some(path), Some((state, _))) = (&self.path, self.changed.take()) else { return Ok(()) };
-        let folder = path.parent().unwrap_or(Path::new("."));
-        let result = std::fs::create_dir_all(folder).map_err(|error| format!("{}: {error}", folder.display()));
-        let result = result.and_then(|()| write(path, &state));
+        let result = make_folder_of(path).and_then(|()| write(path, &state));
         self.kept = state;
         result
     }
@@ -75,8 +74,25 @@ pub(crate) fn write(path: &Path, state: &State) -> Result<(), String> {
         }
     }
     let document = state.to_document().map_err(|error| error.to_string())?;
-    let text = serde_json::to_string_pretty(&document).map_err(|error| error.to_string())?;
+    write_json(path, &document)
+}
+
+/// Writes a value as a file in JSON, atomically.
+///
+/// # Errors
+/// If the file cannot be written.
+pub(crate) fn write_json(path: &Path, value: &impl Serialize) -> Result<(), String> {
+    let text = serde_json::to_string_pretty(value).map_err(|error| error.to_string())?;
     write_text(path, &(text + "\n")).map_err(|error| error.to_string())
+}
+
+/// Creates the folder for a file, if missing.
+///
+/// # Errors
+/// If it cannot be created.
+pub(crate) fn make_folder_of(path: &Path) -> Result<(), String> {
+    let folder = path.parent().unwrap_or(Path::new("."));
+    std::fs::create_dir_all(folder).map_err(|error| format!("{}: {error}", folder.display()))
 }
 
 /// Reads the state in a scene file, but none of the files it names; `None` if it does not exist.

@@ -19,8 +19,9 @@ mod keeping;
 mod keys;
 mod marks;
 mod measuring;
+mod messages;
 mod navigation;
-mod note;
+mod newest;
 mod nothing;
 mod opening;
 mod overlay;
@@ -32,7 +33,6 @@ mod plane_handles;
 mod plane_view;
 mod planes;
 mod play;
-mod problem;
 mod read_out;
 mod recent;
 mod running;
@@ -51,7 +51,6 @@ use crate::command::Command;
 use crate::keeping::Keeper;
 pub use crate::keeping::volumes_of;
 pub use crate::opening::Openings;
-use crate::pacing::Pacing;
 use crate::recent::Recent;
 pub use crate::script::Script;
 use crate::state::State;
@@ -106,9 +105,9 @@ pub fn run(openings: Openings, mut options: WindowOptions) -> Result<(), WindowE
     let volumes = openings.volumes();
     let (state, keeper, problem) = first_state(&volumes, openings.paths(), &options).map_err(WindowError)?;
     let WindowOptions { session, size, script, opened, stats, .. } = options;
-    let views = Views::new(volumes, session, None).map_err(|error| WindowError(error.to_string()))?;
+    let views = Views::new(volumes, session).map_err(|error| WindowError(error.to_string()))?;
     let recent = Recent::read(keeping::state_folder().map(|folder| folder.join("recent.json")));
-    let (kept, paced) = ((keeper, problem), (Pacing::new(opened), stats));
+    let (kept, paced) = ((keeper, problem), (opened, stats));
     let mut window = Window::new(state, views, (openings, recent), script, kept, paced);
     running::run(&mut window, size)?;
     window.failure().map_or(Ok(()), |failure| Err(WindowError(failure.into())))
@@ -127,11 +126,8 @@ fn first_state(
 ) -> Result<(State, Keeper, Option<String>), String> {
     let is_kept = options.script.is_over();
     let file = keeping::file_of(&paths).filter(|_| is_kept);
-    let restored = match file.as_deref().filter(|_| options.restores) {
-        Some(path) => restored(path, volumes),
-        None => Ok(None),
-    };
-    let (restored, problem) = match restored {
+    let known = file.as_deref().filter(|_| options.restores);
+    let (restored, problem) = match known.map_or(Ok(None), |path| restored(path, volumes)) {
         Ok(restored) => (restored, None),
         Err(problem) => (None, Some(format!("the last window could not be restored: {problem}"))),
     };

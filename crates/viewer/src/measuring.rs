@@ -2,6 +2,7 @@
 //! it, so its lengths are true. A projection has no places along its rays: there, distances run across the view.
 
 use crate::command::Command;
+use crate::navigation::point_at_depth_of;
 use crate::overlay::{self, Lens};
 use crate::state::{State, Tool};
 use brickyard::volume::{Scene, Slice, ViewRays};
@@ -75,10 +76,7 @@ pub(crate) fn end(
     picked: Option<DVec3>,
 ) -> Option<DVec3> {
     let Some(from) = from.filter(|_| scene.mode.is_projection() && scene.slice.is_none()) else { return picked };
-    let [x_px, y_px] = place_px?;
-    let ray = rays.ray(x_px, y_px);
-    let along = (from - ray.origin).dot(rays.forward) / ray.direction.dot(rays.forward);
-    Some(ray.origin + ray.direction * along)
+    Some(point_at_depth_of(from, rays, place_px?))
 }
 
 #[cfg(test)]

@@ -3,7 +3,7 @@
 
 use crate::command::Command;
 use brickyard::volume::scene::VolumePlace;
-use brickyard::volume::{Camera, Projection, Scene};
+use brickyard::volume::{Camera, Projection, Scene, ViewRays};
 use glam::{DQuat, DVec3};
 
 /// Least angle between the view and straight up or down, in degrees: up is undefined there.
@@ -136,11 +136,15 @@ fn height_at_target(camera: &Camera) -> f64 {
 }
 
 /// The world point under a place of the picture, in pixels, at the depth of the camera's target.
-pub(crate) fn point_at_target(camera: &Camera, size_px: (u32, u32), [x_px, y_px]: [f64; 2]) -> Option<DVec3> {
-    let rays = camera.rays(size_px.0, size_px.1).ok()?;
+pub(crate) fn point_at_target(camera: &Camera, size_px: (u32, u32), place_px: [f64; 2]) -> Option<DVec3> {
+    Some(point_at_depth_of(camera.target, &camera.rays(size_px.0, size_px.1).ok()?, place_px))
+}
+
+/// The world point under a place of the picture, in pixels, at the depth of another point.
+pub(crate) fn point_at_depth_of(point: DVec3, rays: &ViewRays, [x_px, y_px]: [f64; 2]) -> DVec3 {
     let ray = rays.ray(x_px, y_px);
-    let along = (camera.target - ray.origin).dot(rays.forward) / ray.direction.dot(rays.forward);
-    Some(ray.origin + ray.direction * along)
+    let along = (point - ray.origin).dot(rays.forward) / ray.direction.dot(rays.forward);
+    ray.origin + ray.direction * along
 }
 
 #[cfg(test)]

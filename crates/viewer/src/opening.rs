@@ -63,7 +63,8 @@ impl Openings {
             if self.are_shown() {
                 return Ok(());
             }
-            let (done, total) = self.progress();
+            let each = self.items.iter().map(|item| item.opening.progress());
+            let (done, total) = each.fold((0, 0), |sum, of| (sum.0 + of.0, sum.1 + of.1));
             progress(done, total);
             std::thread::sleep(WAIT);
         }
@@ -130,11 +131,6 @@ impl Openings {
         }
         self.items.retain(|item| item.volume.is_some() || item.opening.activity() != Activity::Nothing);
         changes
-    }
-
-    fn progress(&self) -> (u64, u64) {
-        let each = self.items.iter().map(|item| item.opening.progress());
-        each.fold((0, 0), |sum, of| (sum.0 + of.0, sum.1 + of.1))
     }
 
     /// Shows the progress, with a button to stop each.

@@ -12,7 +12,7 @@ use brickyard::overlay::{World, axis_names, box_axes, color_bar, scale_bar};
 use brickyard::session::VolumeSource;
 use brickyard::volume::numbers::significant;
 use brickyard::volume::{Camera, Scene, ViewRays};
-use eframe::egui::{Align2, Color32, FontId, Painter, Pos2, Rect, Stroke, pos2, vec2};
+use eframe::egui::{Align2, Color32, FontId, Painter, Pos2, Rect, Stroke, Vec2, pos2, vec2};
 use glam::DVec3;
 
 /// Least width of a picture with colour bars, in points.
@@ -63,6 +63,26 @@ impl Lens {
     pub(crate) fn pixel(&self, place: Pos2) -> [f64; 2] {
         let part = (place - self.area.min) / self.area.size();
         [f64::from(part.x) * f64::from(self.rays.width), f64::from(part.y) * f64::from(self.rays.height)]
+    }
+
+    /// Points in the window per unit of the world along a direction from a point; `small` is a short distance of the world.
+    pub(crate) fn rate(&self, point: DVec3, direction: DVec3, small: f64) -> Option<Vec2> {
+        Some((self.place(point + small * direction)? - self.place(point)?) / small as f32)
+    }
+
+    /// The world distance along such a direction of a drag by some points; `None` where the direction is not visible.
+    pub(crate) fn distance(&self, point: DVec3, direction: DVec3, small: f64, by: Vec2) -> Option<f64> {
+        let rate = self.rate(point, direction, small).filter(|rate| rate.length_sq() > 1e-12)?;
+        Some(f64::from(by.dot(rate) / rate.length_sq()))
+    }
+
+    /// The handle nearest to a place of the window, of those within `reach` points. Each is given with its world point.
+    pub(crate) fn nearest<T>(&self, handles: impl Iterator<Item = (T, DVec3)>, at: Pos2, reach: f32) -> Option<T> {
+        let near = handles.filter_map(|(handle, point)| {
+            let distance = self.place(point)?.distance(at);
+            (distance <= reach).then_some((distance, handle))
+        });
+        near.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, handle)| handle)
     }
 
     /// Draws a line between two world points in front of the eye.

@@ -25,8 +25,8 @@ struct Drawn {
 const TIMES_BETWEEN: usize = 8;
 
 /// Times of a window's frames.
+#[derive(Default)]
 pub(crate) struct Pacing {
-    opened: Instant,
     /// End of the last frame's work, if the next one was to follow at once.
     ended: Option<Instant>,
     between: VecDeque<Duration>,
@@ -68,31 +68,18 @@ pub(crate) struct PacingStats {
     quality: [f64; 3],
 }
 
-impl Pacing {
-    /// Counts the frames of a window with volumes opened at this time.
-    pub(crate) fn new(opened: Instant) -> Self {
-        let (drawn, between) = (VecDeque::new(), VecDeque::new());
-        let (blocked_ms, answers_ms, first_answers_ms) = (VecDeque::new(), Vec::new(), Vec::new());
-        Self {
-            opened,
-            ended: None,
-            between,
-            first: None,
-            drawn,
-            blocked_ms,
-            answers_ms,
-            first_answers_ms,
-            blocked_most_ms: 0.0,
-            frames: 0,
-        }
+/// Appends an item to the last ones, of which `most` are kept.
+pub(crate) fn keep_last<T>(items: &mut VecDeque<T>, most: usize, item: T) {
+    if items.len() == most {
+        items.pop_front();
     }
+    items.push_back(item);
+}
 
+impl Pacing {
     pub(crate) fn begin(&mut self) {
         let Some(ended) = self.ended.take() else { return };
-        if self.between.len() == TIMES_BETWEEN {
-            self.between.pop_front();
-        }
-        self.between.push_back(ended.elapsed());
+        keep_last(&mut self.between, TIMES_BETWEEN, ended.elapsed());
     }
 
     /// Records the end of a frame's work, and whether the next frame follows at once.
@@ -111,19 +98,13 @@ impl Pacing {
         let blocked_ms = ms(took.saturating_sub(spent.draw + spent.waited));
         self.frames += 1;
         self.blocked_most_ms = self.blocked_most_ms.max(blocked_ms);
-        if self.blocked_ms.len() == MOST {
-            self.blocked_ms.pop_front();
-        }
-        self.blocked_ms.push_back(blocked_ms);
+        keep_last(&mut self.blocked_ms, MOST, blocked_ms);
         if spent.drawing().is_zero() {
             return;
         }
         let at = Instant::now();
         self.first.get_or_insert(at);
-        if self.drawn.len() == MOST {
-            self.drawn.pop_front();
-        }
-        self.drawn.push_back(Drawn { at, blocked_ms, draw_ms: ms(spent.drawing()), quality });
+        keep_last(&mut self.drawn, MOST, Drawn { at, blocked_ms, draw_ms: ms(spent.drawing()), quality });
     }
 
     /// Records times from changes to their first pictures.
@@ -138,7 +119,8 @@ impl Pacing {
         }
     }
 
-    pub(crate) fn stats(&self) -> PacingStats {
+    /// The statistics of a window whose volumes were opened at this time.
+    pub(crate) fn stats(&self, opened: Instant) -> PacingStats {
         let of = |value: fn(&Drawn) -> f64| self.drawn.iter().map(value).collect::<Vec<_>>();
         let gaps = self.drawn.iter().zip(self.drawn.iter().skip(1)).map(|(a, b)| (b.at - a.at).as_secs_f64());
         let (mut count, mut seconds) = (0, 0.0);
@@ -147,7 +129,7 @@ impl Pacing {
         }
         let lacking = Percentiles::of(&of(|drawn| -drawn.quality));
         PacingStats {
-            first_picture_ms: self.first.map(|first| (first - self.opened).as_secs_f64() * 1e3),
+            first_picture_ms: self.first.map(|first| (first - opened).as_secs_f64() * 1e3),
             frames: self.frames,
             drawn: self.drawn.len(),
             pictures_per_second: if count > 0 { f64::from(count) / seconds } else { 0.0 },
@@ -177,7 +159,7 @@ mod tests {
 
     #[test]
     fn the_least_time_between_frames_counts() {
-        let mut pacing = Pacing::new(Instant::now());
+        let mut pacing = Pacing::default();
         assert_eq!(pacing.between(), Duration::ZERO);
         for (pause_ms, goes_on) in [(30, true), (3, true), (0, false)] {
             pacing.end(goes_on);
@@ -196,15 +178,15 @@ mod tests {
 
     #[test]
     fn drawing_is_counted_apart() {
-        let mut pacing = Pacing::new(Instant::now());
+        let mut pacing = Pacing::default();
         let ms = Duration::from_millis;
-        assert_eq!(pacing.stats().first_picture_ms, None);
+        assert_eq!(pacing.stats(Instant::now()).first_picture_ms, None);
         for quality in [0.5, 0.25, 1.0] {
             pacing.note(ms(12), FrameTimes { step: ms(1), draw: ms(5), beside: ms(5), waited: ms(2) }, quality);
         }
         pacing.note(ms(40), FrameTimes::default(), 1.0);
         pacing.answered([(30, true), (90, false)].map(|(took, is_first)| Answer { took: ms(took), is_first }));
-        let stats = pacing.stats();
+        let stats = pacing.stats(Instant::now());
         assert_eq!((stats.frames, stats.drawn, stats.quality), (4, 3, [0.5, 0.25, 0.25]));
         assert!((stats.blocked_ms.p99 - 5.0).abs() < 1e-9 && (stats.blocked_most_ms - 40.0).abs() < 1e-9);
         assert!((stats.blocked_p999_ms - 40.0).abs() < 1e-9 && (stats.answer_ms.p50 - 30.0).abs() < 1e-9);

@@ -1,12 +1,15 @@
 //! The pick under the pointer: the visible world point, and the exact values of its voxel. A thread computes it, so that a slow disk does not hold up
 //! the window; it answers only for the newest place. Costs up to 64 MiB of decoded bricks per picture.
 
+use crate::canvas::Canvas;
+use crate::newest::answering;
+use crate::overlay::Lens;
 use crate::read_out::ReadOut;
 use brickyard::overlay::{short_name, unit};
 use brickyard::pick::{Pick, Picker};
 use brickyard::session::{ResolvedScene, VolumeSource};
 use brickyard::volume::numbers::{exact, within_span};
-use eframe::egui;
+use eframe::egui::{self, Response};
 use glam::DVec3;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, channel};
@@ -24,20 +27,10 @@ pub(crate) struct Picked {
 /// Most characters of a name.
 const LONGEST: usize = 16;
 
-/// A place on a picture.
-#[derive(Clone)]
-struct Place {
-    scene: Arc<ResolvedScene>,
-    place_px: [f64; 2],
-}
+/// A place on a scene's picture, in pixels.
+type Place = (Arc<ResolvedScene>, [f64; 2]);
 
-impl PartialEq for Place {
-    fn eq(&self, other: &Self) -> bool {
-        Arc::ptr_eq(&self.scene, &other.scene) && self.place_px == other.place_px
-    }
-}
-
-/// A request to the thread: a place of a scene's picture, and the scene's volumes.
+/// A request to the thread: a place, and the scene's volumes.
 type Question = (Place, Vec<VolumeSource>, egui::Context);
 
 /// Looks up picks on a thread; keeps the latest.
@@ -46,50 +39,36 @@ pub(crate) struct Picking {
     /// Channels to the thread and back; `None` before the first request.
     thread: Option<(Sender<Question>, Receiver<Option<Picked>>)>,
     asked: Option<Place>,
-    found: Option<Picked>,
+    /// The latest pick; `None` while the pointer is elsewhere.
+    pub(crate) picked: Option<Picked>,
 }
 
 impl Picking {
-    /// The latest pick result at this place of a scene's picture, in pixels; may be outdated. The window is repainted for a newer one. `None` without
-    /// a place.
-    pub(crate) fn at(
-        &mut self,
-        egui: &egui::Context,
-        scene: Option<&Arc<ResolvedScene>>,
-        volumes: &[VolumeSource],
-        place_px: Option<[f64; 2]>,
-    ) -> Option<Picked> {
-        let (Some(scene), Some(place_px)) = (scene, place_px) else {
-            (self.asked, self.found) = (None, None);
-            return None;
+    /// Looks up the place under the pointer over a picture. The pick may be outdated for a while; the window is repainted for a newer one.
+    pub(crate) fn look(&mut self, canvas: &Canvas, lens: &Lens, response: &Response) {
+        let ((Some(scene), volumes), Some(pointer)) = (canvas.resolved(), response.hover_pos()) else {
+            (self.asked, self.picked) = (None, None);
+            return;
         };
-        let place = Place { scene: scene.clone(), place_px };
+        let place_px = lens.pixel(pointer);
+        let is_asked = self.asked.as_ref().is_some_and(|(of, at)| Arc::ptr_eq(of, scene) && *at == place_px);
         let (ask, answers) = self.thread.get_or_insert_with(start);
-        if self.asked.as_ref() != Some(&place) && ask.send((place.clone(), volumes.to_vec(), egui.clone())).is_ok() {
+        let place = (scene.clone(), place_px);
+        if !is_asked && ask.send((place.clone(), volumes.to_vec(), response.ctx.clone())).is_ok() {
             self.asked = Some(place);
         }
-        if let Some(found) = answers.try_iter().last() {
-            self.found = found;
+        if let Some(picked) = answers.try_iter().last() {
+            self.picked = picked;
         }
-        self.found.clone()
     }
 }
 
-/// Starts the thread. It ends with the last sender.
+/// Starts the thread.
 fn start() -> (Sender<Question>, Receiver<Option<Picked>>) {
-    let (ask, questions) = channel::<Question>();
     let (answer, answers) = channel();
-    std::thread::spawn(move || {
-        let mut picker = Picker::default();
-        while let Ok(mut question) = questions.recv() {
-            // Only the newest request deserves an answer.
-            if let Some(newer) = questions.try_iter().last() {
-                question = newer;
-            }
-            let (place, volumes, egui) = question;
-            if answer.send(look(&mut picker, &place, &volumes)).is_err() {
-                return;
-            }
+    let mut picker = Picker::default();
+    let ask = answering(move |(place, volumes, egui): Question| {
+        if answer.send(look(&mut picker, &place, &volumes)).is_ok() {
             egui.request_repaint();
         }
     });
@@ -97,17 +76,17 @@ fn start() -> (Sender<Question>, Receiver<Option<Picked>>) {
 }
 
 /// The pick at a place. The picture reports unreadable bricks; here they yield nothing.
-fn look(picker: &mut Picker, place: &Place, volumes: &[VolumeSource]) -> Option<Picked> {
-    let pick = picker.pick(&place.scene, volumes, place.place_px);
+fn look(picker: &mut Picker, (scene, place_px): &Place, volumes: &[VolumeSource]) -> Option<Picked> {
+    let pick = picker.pick(scene, volumes, *place_px);
     let pick = pick.inspect_err(|error| tracing::debug!("nothing can be picked: {error}")).ok()??;
     let first = pick.values.first();
     let label = first.and_then(|values| {
-        let channel = place.scene.layers.iter().find(|layer| layer.place == values.layer)?.view.channel as usize;
+        let channel = scene.layers.iter().find(|layer| layer.place == values.layer)?.view.channel as usize;
         let value = *values.probe.values.get(channel)?;
         let is_label = volumes.get(values.volume)?.source.is_labels();
         (is_label && !value.is_nan()).then_some(value as i64)
     });
-    let words = words(&pick, volumes, (place.scene.world_box, place.scene.is_anatomical));
+    let words = words(&pick, volumes, (scene.world_box, scene.is_anatomical));
     Some(Picked { pick, label, words })
 }
 

@@ -87,34 +87,24 @@ pub(crate) fn at(lens: &Lens, planes: &[ClipPlane], whole: (DVec3, DVec3), point
     let cuts = planes.iter().enumerate().filter_map(|(plane, it)| Some((plane, Cut::of(it, whole)?)));
     let handles =
         cuts.flat_map(|(plane, cut)| [false, true].map(|is_tip| (PlaneHandle { plane, is_tip }, cut.place(is_tip))));
-    let near = handles.filter_map(|(handle, place)| {
-        let distance = lens.place(place)?.distance(pointer);
-        (distance <= REACH).then_some((distance, handle))
-    });
-    near.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, handle)| handle)
+    lens.nearest(handles, pointer, REACH)
 }
 
 /// The plane after dragging a handle by `by` points. It stays as it was rather than miss the box.
 pub(crate) fn dragged(lens: &Lens, plane: ClipPlane, is_tip: bool, by: Vec2, whole: (DVec3, DVec3)) -> ClipPlane {
     let Some(Cut { middle, tip, .. }) = Cut::of(&plane, whole) else { return plane };
     let small = 1e-3 * whole.0.distance(whole.1);
-    let place = if is_tip { tip } else { middle };
-    // Points in the window per unit of the world along a direction.
-    let rate = |direction: DVec3| {
-        let (from, to) = (lens.place(place)?, lens.place(place + small * direction)?);
-        Some((to - from) / small as f32)
-    };
     let moved = if is_tip {
         // The tip goes with the pointer, in the plane of the picture.
         let [right, up] = [lens.rays.right, lens.rays.up].map(DVec3::normalize_or_zero);
+        let rate = |direction: DVec3| lens.rate(tip, direction, small);
         let (Some(of_right), Some(of_up)) = (rate(right), rate(up)) else { return plane };
         let [x, y] = [(by.x, of_right.x), (by.y, of_up.y)].map(|(by, rate)| f64::from(by) / f64::from(rate));
         let normal = (tip + right * x + up * y - middle).normalize_or_zero();
         ClipPlane { point: middle, normal }
     } else {
         let normal = plane.normal.normalize_or_zero();
-        let Some(rate) = rate(normal).filter(|rate| rate.length_sq() > 1e-12) else { return plane };
-        let by = f64::from(by.dot(rate) / rate.length_sq());
+        let Some(by) = lens.distance(middle, normal, small, by) else { return plane };
         ClipPlane { point: plane.point + normal * by, ..plane }
     };
     let is_fit = moved.point.is_finite() && moved.normal.is_finite() && Cut::of(&moved, whole).is_some();

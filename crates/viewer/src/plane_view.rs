@@ -7,14 +7,16 @@ use crate::measuring::{Measuring, lying_in};
 use crate::navigation::{panned, point_at_target, zoomed};
 use crate::overlay::{self, AXIS_COLORS, Lens};
 use crate::panels::slices::{dragged, shown_window};
-use crate::picking::{Picked, Picking};
+use crate::picking::Picking;
 use crate::planes::{Grid, filter, slice_scene};
-use crate::state::Tool;
+use crate::state::{State, Tool};
 use crate::volume_view::{Seen, dim_failed, isolation, whole_pixels};
 use brickyard::session::SessionError;
 use brickyard::volume::numbers::within_span;
 use brickyard::volume::{Camera, ClipPlane, Slice};
-use eframe::egui::{Align2, Color32, Event, MouseWheelUnit, PointerButton, Pos2, Response, Sense, Stroke, Ui, vec2};
+use eframe::egui::{
+    Align2, Color32, Event, MouseWheelUnit, PointerButton, Pos2, Response, Sense, Stroke, Ui, Vec2, vec2,
+};
 use glam::DVec3;
 use serde_json::json;
 
@@ -24,8 +26,7 @@ const POINTS_A_SLICE: f32 = 24.0;
 /// A slice in the window.
 #[derive(Default)]
 pub(crate) struct PlaneView {
-    picking: Picking,
-    pub(crate) picked: Option<Picked>,
+    pub(crate) picking: Picking,
     /// Finger motion towards the next slice, in points.
     rolled: f32,
 }
@@ -50,7 +51,7 @@ impl PlaneView {
         let camera = grid.camera(axis, &slice, planes.cameras[axis], size_px);
         let filter = filter(grid, planes.filter, &camera, size_px.1);
         let scene = slice_scene(&seen.state.scene, seen.volumes, (slice, camera), filter, planes);
-        let drawn = canvas.show(&scene, size_px, ui.ctx());
+        let drawn = canvas.show(&scene, size_px);
         let (area, response) = ui.allocate_exact_size(shown, Sense::click_and_drag());
         ui.painter().rect_filled(area, 0.0, Color32::BLACK);
         canvas.paint(ui.painter(), area);
@@ -58,51 +59,39 @@ impl PlaneView {
         // Marks lie on the picture, which may be of the previous camera.
         let shown = canvas.camera().unwrap_or(camera);
         let Some(lens) = Lens::new(ui.painter(), area, &shown, size_px) else { return drawn };
-        decorate(&lens, grid, (axis, point), &shown, seen);
-        let place_px = response.hover_pos().map(|pointer| lens.pixel(pointer));
         let reach = grid.reach(&slice, axis);
-        let under = place_px.and_then(|place_px| point_at_target(&camera, size_px, place_px));
-        distances(&lens, (&slice, reach), (seen, &*measuring), under);
-        let (resolved, volumes) = canvas.resolved();
-        self.picked = self.picking.at(&response.ctx, resolved, volumes, place_px);
-        let is_measuring = seen.state.window.tool == Tool::Distance;
+        let section = Section { lens: &lens, grid, axis, slice, reach, point, camera, seen };
+        section.decorate(&shown);
+        let under = response.hover_pos().and_then(|pointer| section.under(pointer));
+        section.distances(measuring, under);
+        self.picking.look(canvas, &lens, &response);
         if response.clicked() && response.ctx.input(|input| input.modifiers.alt) {
-            commands.extend(self.picked.as_ref().and_then(|picked| isolation(seen, picked)));
+            commands.extend(isolation(seen, &self.picking));
             return drawn;
         }
+        let is_measuring = seen.state.window.tool == Tool::Distance;
         if let Some(place) = under.filter(|_| is_measuring && response.clicked()) {
             commands.extend(measuring.click_in(&slice, reach, place, seen.state));
             // The mark of the first click appears in the next frame, which nothing else may request.
             response.ctx.request_repaint();
         }
-        let held = Held { window: shown_window(planes, &seen.state.scene, seen.volumes), is_measuring };
-        drag(&lens, (axis, &camera, point), &response, &held, commands);
+        commands.extend(section.dragged(&response, is_measuring));
         if response.hovered() {
-            self.scroll(ui, &lens, grid, (axis, &camera, point), commands);
+            commands.extend(self.scrolled(ui, &section));
         }
         if response.double_clicked() {
-            commands.push(Command::set(&camera_field(axis), json!(null)));
+            commands.push(section.set_camera(None));
         }
         drawn
     }
 
     /// The wheel goes from slice to slice; with the command key, or by pinching, it zooms.
-    fn scroll(
-        &mut self,
-        ui: &Ui,
-        lens: &Lens,
-        grid: &Grid,
-        (axis, camera, point): (usize, &Camera, DVec3),
-        commands: &mut Vec<Command>,
-    ) {
+    fn scrolled(&mut self, ui: &Ui, section: &Section<'_>) -> Option<Command> {
         let (zoom, pointer, events) =
             ui.input(|input| (f64::from(input.zoom_delta()), input.pointer.hover_pos(), input.events.clone()));
         if let Some(pointer) = pointer.filter(|_| zoom != 1.0) {
-            let size = (lens.rays.width, lens.rays.height);
-            if let Some(towards) = point_at_target(camera, size, lens.pixel(pointer)) {
-                commands.push(Command::set(&camera_field(axis), json!(zoomed(camera, towards, zoom))));
-            }
-            return;
+            let towards = section.under(pointer)?;
+            return Some(section.set_camera(Some(zoomed(&section.camera, towards, zoom))));
         }
         let mut slices = 0;
         for event in &events {
@@ -116,84 +105,114 @@ impl PlaneView {
                 _ => {}
             }
         }
-        if slices != 0 {
-            let mut voxel = grid.voxel_at(point);
-            let last = i64::from(grid.extent[axis]) - 1;
-            voxel[axis] = (i64::from(voxel[axis]) + slices).clamp(0, last) as u32;
-            commands.push(Command::set("window.planes.crosshair", json!(grid.centre(voxel))));
+        let Section { grid, axis, .. } = *section;
+        let mut voxel = grid.voxel_at(section.point);
+        let last = i64::from(grid.extent[axis]) - 1;
+        voxel[axis] = (i64::from(voxel[axis]) + slices).clamp(0, last) as u32;
+        (slices != 0).then(|| Command::set("window.planes.crosshair", json!(grid.centre(voxel))))
+    }
+}
+
+/// A slice in its picture.
+struct Section<'a> {
+    lens: &'a Lens,
+    grid: &'a Grid,
+    /// The axis of the voxels across the slice.
+    axis: usize,
+    slice: Slice,
+    /// Reach of the slice to both sides.
+    reach: f64,
+    /// The common point of all slices.
+    point: DVec3,
+    /// The wanted camera. Its target is on the slice.
+    camera: Camera,
+    seen: &'a Seen<'a>,
+}
+
+impl Section<'_> {
+    fn set_camera(&self, camera: Option<Camera>) -> Command {
+        Command::set(&format!("window.planes.cameras.{}", self.axis), json!(camera))
+    }
+
+    /// The world point on the slice at a place of the window.
+    fn under(&self, place: Pos2) -> Option<DVec3> {
+        let rays = &self.lens.rays;
+        point_at_target(&self.camera, (rays.width, rays.height), self.lens.pixel(place))
+    }
+
+    /// The primary button moves the slices' common point, while measuring only by a drag; shift or the middle button moves the picture, and the
+    /// secondary button sets the black and white values.
+    fn dragged(&self, response: &Response, is_measuring: bool) -> Option<Command> {
+        let by = drag_by(response) / self.lens.area.height().max(1.0);
+        let (right, down) = (f64::from(by.x), f64::from(by.y));
+        let (modifiers, is_primary) = response.ctx.input(|input| (input.modifiers, input.pointer.primary_down()));
+        if by != Vec2::ZERO {
+            if response.dragged_by(PointerButton::Secondary) {
+                let State { scene, window, .. } = self.seen.state;
+                let window = shown_window(&window.planes, scene, self.seen.volumes)?;
+                return Some(Command::set("window.planes.window", json!(dragged(window, right, down))));
+            }
+            if response.dragged_by(PointerButton::Middle) || response.dragged() && modifiers.shift {
+                return Some(self.set_camera(Some(panned(&self.camera, right, -down))));
+            }
+        }
+        let is_held = if is_measuring { response.dragged() } else { response.is_pointer_button_down_on() };
+        let is_moved = is_held && !modifiers.shift && is_primary && !modifiers.alt;
+        let on_slice = self.under(response.interact_pointer_pos().filter(|_| is_moved)?)?;
+        let is_far = on_slice.distance(self.point) > 1e-9 * self.lens.rays.pixel_size(1.0);
+        is_far.then(|| Command::set("window.planes.crosshair", json!(on_slice)))
+    }
+
+    /// Draws the distances lying in the slice, the one being measured to `under` the pointer, and the black and white values.
+    fn distances(&self, measuring: &Measuring, under: Option<DVec3>) {
+        let Self { lens, slice, reach, seen, .. } = *self;
+        let unit = seen.world.as_ref().map_or("", |world| world.unit);
+        if let Some(window) = shown_window(&seen.state.window.planes, &seen.state.scene, seen.volumes) {
+            let [black, white] = window.map(|value| within_span(value, window[1] - window[0]));
+            let corner = lens.area.left_bottom() + vec2(8.0, -6.0);
+            lens.text(corner, Align2::LEFT_BOTTOM, &format!("{black} to {white}"), 11.0, Color32::from_gray(200));
+        }
+        overlay::distances(lens, &lying_in(&seen.state.window.distances, &slice, reach), unit);
+        if measuring.is_in(&slice, reach) {
+            measuring.show(lens, under, unit);
         }
     }
-}
 
-fn camera_field(axis: usize) -> String {
-    format!("window.planes.cameras.{axis}")
-}
-
-/// The objects of a drag in a slice.
-struct Held {
-    /// The black and white values.
-    window: Option<[f64; 2]>,
-    is_measuring: bool,
-}
-
-/// The primary button moves the slices' common point, while measuring only by a drag; shift or the middle button moves the picture, and the secondary
-/// button sets the black and white values.
-fn drag(
-    lens: &Lens,
-    (axis, camera, point): (usize, &Camera, DVec3),
-    response: &Response,
-    held: &Held,
-    commands: &mut Vec<Command>,
-) {
-    let by = drag_by(response) / lens.area.height().max(1.0);
-    let (right, down) = (f64::from(by.x), f64::from(by.y));
-    let modifiers = response.ctx.input(|input| input.modifiers);
-    let (is_shifted, picks_label) = (modifiers.shift, modifiers.alt);
-    let moved = match by == vec2(0.0, 0.0) {
-        true => None,
-        false if response.dragged_by(PointerButton::Secondary) => {
-            let window = held.window.map(|window| dragged(window, right, down));
-            commands.extend(window.map(|window| Command::set("window.planes.window", json!(window))));
-            return;
+    /// Draws the lines of the other slices, the clip box, the lines of clip planes, and the slice's name and place, over a picture of this camera.
+    fn decorate(&self, shown: &Camera) {
+        let Self { lens, grid, axis, point, seen, .. } = *self;
+        let voxel = grid.voxel_at(point);
+        for other in (0..3).filter(|&other| other != axis) {
+            // The slice across `other` crosses this one along the third axis.
+            let along = 3 - axis - other;
+            let end = |at: f64| {
+                let mut place = grid.voxel_from_world(point);
+                place[along] = at;
+                grid.world_from_voxel(place)
+            };
+            let color = AXIS_COLORS[other].gamma_multiply(0.8);
+            lens.line(end(0.0), end(f64::from(grid.extent[along])), Stroke::new(1.0, color));
         }
-        false if response.dragged_by(PointerButton::Middle) || response.dragged() && is_shifted => {
-            Some(panned(camera, right, -down))
+        let of_clips = Stroke::new(1.0, Color32::from_rgb(240, 150, 40));
+        if let Some(clip) = seen.state.scene.clip {
+            lens.edges((clip[0], clip[1]), of_clips);
         }
-        false => None,
-    };
-    if let Some(camera) = moved {
-        commands.push(Command::set(&camera_field(axis), json!(camera)));
-        return;
-    }
-    let is_held =
-        if held.is_measuring { response.dragged() } else { response.is_pointer_button_down_on() } && !is_shifted;
-    let is_primary = response.ctx.input(|input| input.pointer.primary_down());
-    let is_moved = is_held && is_primary && !picks_label;
-    let Some(pointer) = response.interact_pointer_pos().filter(|_| is_moved) else { return };
-    let size = (lens.rays.width, lens.rays.height);
-    // The camera's target is on the slice.
-    let Some(on_slice) = point_at_target(camera, size, lens.pixel(pointer)) else { return };
-    if on_slice.distance(point) > 1e-9 * lens.rays.pixel_size(1.0) {
-        commands.push(Command::set("window.planes.crosshair", json!(on_slice)));
-    }
-}
-
-/// Draws the distances lying in a slice, the one being measured to `under` the pointer, and the black and white values.
-fn distances(
-    lens: &Lens,
-    (slice, reach): (&Slice, f64),
-    (seen, measuring): (&Seen<'_>, &Measuring),
-    under: Option<DVec3>,
-) {
-    let unit = seen.world.as_ref().map_or("", |world| world.unit);
-    if let Some(window) = shown_window(&seen.state.window.planes, &seen.state.scene, seen.volumes) {
-        let [black, white] = window.map(|value| within_span(value, window[1] - window[0]));
-        let corner = lens.area.left_bottom() + vec2(8.0, -6.0);
-        lens.text(corner, Align2::LEFT_BOTTOM, &format!("{black} to {white}"), 11.0, Color32::from_gray(200));
-    }
-    overlay::distances(lens, &lying_in(&seen.state.window.distances, slice, reach), unit);
-    if measuring.is_in(slice, reach) {
-        measuring.show(lens, under, unit);
+        let Some(world) = &seen.world else { return };
+        for plane in &seen.state.scene.clip_planes {
+            if let Some([from, to]) = trace(plane, &self.slice, world.corners) {
+                lens.line(from, to, of_clips);
+            }
+        }
+        if seen.state.window.overlays.letters && world.is_anatomical {
+            overlay::letters(lens, Some(point));
+        }
+        if seen.state.window.overlays.scale_bar {
+            overlay::scale_bar(lens, shown, world.unit);
+        }
+        let [at, count] = [voxel[axis], grid.extent[axis]].map(|number| number * grid.stride[axis]);
+        let text = format!("{}  {at} / {}", grid.name(axis), count - 1);
+        let corner: Pos2 = lens.area.left_top() + vec2(8.0, 6.0);
+        lens.text(corner, Align2::LEFT_TOP, &text, 13.0, AXIS_COLORS[axis]);
     }
 }
 
@@ -209,43 +228,6 @@ fn trace(plane: &ClipPlane, slice: &Slice, (low, high): (DVec3, DVec3)) -> Optio
     let foot = middle - across * (plane.height(middle) / across.length_squared());
     let along = slice.normal.cross(across).normalize_or_zero() * reach;
     (is_crossed && foot.distance(middle) <= reach).then_some([foot - along, foot + along])
-}
-
-/// Draws the lines of the other slices, the clip box, the lines of clip planes, and the slice's name and place.
-fn decorate(lens: &Lens, grid: &Grid, (axis, point): (usize, DVec3), camera: &Camera, seen: &Seen<'_>) {
-    let voxel = grid.voxel_at(point);
-    for other in (0..3).filter(|&other| other != axis) {
-        // The slice across `other` crosses this one along the third axis.
-        let along = 3 - axis - other;
-        let end = |at: f64| {
-            let mut place = grid.voxel_from_world(point);
-            place[along] = at;
-            grid.world_from_voxel(place)
-        };
-        let color = AXIS_COLORS[other].gamma_multiply(0.8);
-        lens.line(end(0.0), end(f64::from(grid.extent[along])), Stroke::new(1.0, color));
-    }
-    let of_clips = Stroke::new(1.0, Color32::from_rgb(240, 150, 40));
-    if let Some(clip) = seen.state.scene.clip {
-        lens.edges((clip[0], clip[1]), of_clips);
-    }
-    let Some(world) = &seen.world else { return };
-    let slice = grid.slice(axis, point, 0.0);
-    for plane in &seen.state.scene.clip_planes {
-        if let Some([from, to]) = trace(plane, &slice, world.corners) {
-            lens.line(from, to, of_clips);
-        }
-    }
-    if seen.state.window.overlays.letters && world.is_anatomical {
-        overlay::letters(lens, Some(point));
-    }
-    if seen.state.window.overlays.scale_bar {
-        overlay::scale_bar(lens, camera, world.unit);
-    }
-    let [at, count] = [voxel[axis], grid.extent[axis]].map(|number| number * grid.stride[axis]);
-    let text = format!("{}  {at} / {}", grid.name(axis), count - 1);
-    let corner: Pos2 = lens.area.left_top() + vec2(8.0, 6.0);
-    lens.text(corner, Align2::LEFT_TOP, &text, 13.0, AXIS_COLORS[axis]);
 }
 
 #[cfg(test)]

@@ -180,12 +180,9 @@ fn is_of_labels(choice: &TransferChoice) -> bool {
 /// The filter for a slice's voxels in a picture of `height_px` pixels.
 pub(crate) fn filter(grid: &Grid, chosen: PlaneFilter, camera: &Camera, height_px: u32) -> Filter {
     let voxel = (0..3).map(|axis| grid.step(axis).length()).fold(f64::INFINITY, f64::min);
-    let pixel = match camera.projection {
-        Projection::Orthographic { height } => height / f64::from(height_px),
-        Projection::Perspective { .. } => return Filter::Trilinear,
-    };
+    let Projection::Orthographic { height } = camera.projection else { return Filter::Trilinear };
     let is_square = match chosen {
-        PlaneFilter::Auto => voxel >= SQUARE_PX * pixel,
+        PlaneFilter::Auto => voxel >= SQUARE_PX * (height / f64::from(height_px)),
         PlaneFilter::Nearest => true,
         PlaneFilter::Linear => false,
     };

@@ -1,6 +1,6 @@
 //! Playback settings, in a window's document and for its sessions.
 
-use brickyard::pager;
+use brickyard::pager::{Ending, Playback, Policy};
 use serde::{Deserialize, Serialize};
 
 /// Settings of playback in a window.
@@ -11,31 +11,31 @@ pub(crate) struct Play {
     pub(crate) steps_per_second: f64,
     /// Whether it starts by running backwards.
     pub(crate) backward: bool,
+    #[serde(with = "EndingWords")]
     pub(crate) ending: Ending,
+    #[serde(with = "PolicyWords")]
     pub(crate) policy: Policy,
     /// Whether the voxel's values under the pointer are drawn over the bar of steps.
     pub(crate) curve: bool,
 }
 
-/// Behaviour after the last step.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub(crate) enum Ending {
+/// The words of a document for the behaviour after the last step.
+#[derive(Serialize, Deserialize)]
+#[serde(remote = "Ending", rename_all = "lowercase")]
+enum EndingWords {
     /// Stop.
     Stop,
     /// Go to the first step.
-    #[default]
     Loop,
     /// Turn around: to and fro.
     Bounce,
 }
 
-/// Behaviour where the rate cannot be held.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub(crate) enum Policy {
+/// The words of a document for the behaviour where the rate cannot be held.
+#[derive(Serialize, Deserialize)]
+#[serde(remote = "Policy", rename_all = "kebab-case")]
+enum PolicyWords {
     /// Lower the level.
-    #[default]
     HoldRate,
     /// Skip steps.
     HoldQuality,
@@ -55,22 +55,14 @@ impl Default for Play {
 
 impl Play {
     /// The playback for sessions; `None` while nothing plays.
-    pub(crate) fn playback(&self) -> Option<pager::Playback> {
+    pub(crate) fn playback(&self) -> Option<Playback> {
         // A document may hold any number.
         let rate = if self.steps_per_second.is_nan() { *RATES.start() } else { self.steps_per_second };
-        let playback = pager::Playback {
+        let playback = Playback {
             steps_per_second: rate.clamp(*RATES.start(), *RATES.end()),
             is_backward: self.backward,
-            ending: match self.ending {
-                Ending::Stop => pager::Ending::Stop,
-                Ending::Loop => pager::Ending::Loop,
-                Ending::Bounce => pager::Ending::Bounce,
-            },
-            policy: match self.policy {
-                Policy::HoldRate => pager::Policy::HoldRate,
-                Policy::HoldQuality => pager::Policy::HoldQuality,
-                Policy::EveryStep => pager::Policy::EveryStep,
-            },
+            ending: self.ending,
+            policy: self.policy,
         };
         self.on.then_some(playback)
     }

@@ -1,6 +1,7 @@
 //! Recently opened paths, newest first: a list in a JSON file of the user's. Costs reading or writing a small file.
 
-use brickyard::text_file::{read_text, write_text};
+use crate::keeping::{make_folder_of, write_json};
+use brickyard::text_file::read_text;
 use std::path::{Path, PathBuf};
 
 /// Most paths kept.
@@ -38,10 +39,8 @@ impl Recent {
         self.paths.insert(0, path);
         self.paths.truncate(MOST);
         let Some(file) = &self.file else { return Ok(()) };
-        let folder = file.parent().unwrap_or(Path::new("."));
-        std::fs::create_dir_all(folder).map_err(|error| format!("{}: {error}", folder.display()))?;
-        let text = serde_json::to_string_pretty(&self.paths).map_err(|error| error.to_string())?;
-        write_text(file, &(text + "\n")).map_err(|error| error.to_string())
+        make_folder_of(file)?;
+        write_json(file, &self.paths)
     }
 }
 

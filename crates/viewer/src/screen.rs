@@ -1,10 +1,11 @@
 //! The visible texture of a picture on the window's device: drawn there, or filled from the CPU. It has a pass of its own instead of egui's images,
 //! whose shader is made for letters and panels: on a software device that took three times as long.
 
+use crate::device::Device;
 use brickyard::render::wgpu;
 use brickyard::volume::{Picture, PictureSum, PixelSamples};
 use eframe::egui::{PaintCallbackInfo, Painter, Rect};
-use eframe::egui_wgpu::{Callback, CallbackResources, CallbackTrait, RenderState};
+use eframe::egui_wgpu::{Callback, CallbackResources, CallbackTrait};
 
 /// Format of the texture: the window blends in display-referred codes.
 pub(crate) const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8Unorm;
@@ -14,8 +15,7 @@ const SUM_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba16Float;
 
 /// A texture, and its pass into the window.
 pub(crate) struct Screen {
-    device: wgpu::Device,
-    queue: wgpu::Queue,
+    pub(crate) device: Device,
     pass: Pass,
     texture: Option<Texture>,
     /// Textures of a supersampled picture on a GPU.
@@ -63,12 +63,12 @@ struct Shown {
 }
 
 impl Screen {
-    pub(crate) fn new(state: &RenderState) -> Self {
+    pub(crate) fn new(device: &Device) -> Self {
+        let state = &device.state;
         let mut renderer = state.renderer.write();
         let pass = renderer.callback_resources.entry().or_insert_with(|| Pass::new(&state.device, state.target_format));
         Self {
-            device: state.device.clone(),
-            queue: state.queue.clone(),
+            device: device.clone(),
             pass: pass.clone(),
             texture: None,
             samples: None,
@@ -89,7 +89,7 @@ impl Screen {
     pub(crate) fn put(&mut self, picture: &Picture, is_smoothed: bool) {
         let size_px = (picture.width, picture.height);
         let rgba = picture.rgba();
-        let queue = self.queue.clone();
+        let queue = self.device.state.queue.clone();
         self.shows_mean = false;
         let texture = self.of_size(size_px);
         texture.is_smoothed = is_smoothed;
@@ -113,7 +113,7 @@ impl Screen {
         if texture.as_ref().is_none_or(|texture| texture.size_px != size_px) {
             *texture = None;
         }
-        texture.get_or_insert_with(|| Texture::new(device, pass, size_px, FORMAT))
+        texture.get_or_insert_with(|| Texture::new(&device.state.device, pass, size_px, FORMAT))
     }
 
     /// Adds a sample from the CPU to the mean; the first one restarts it.
@@ -130,7 +130,7 @@ impl Screen {
         if samples.as_ref().is_none_or(|samples| samples.last.size_px != size_px) {
             *samples = None;
         }
-        let of = |format| Texture::new(device, pass, size_px, format);
+        let of = |format| Texture::new(&device.state.device, pass, size_px, format);
         &samples.get_or_insert_with(|| Samples { last: of(FORMAT), mean: of(SUM_FORMAT) }).last.view
     }
 

@@ -4,36 +4,26 @@ use brickyard::picture_file::{PictureError, write_png};
 use brickyard::volume::Picture;
 use eframe::egui::{self, ColorImage, ScreenshotCallback, ViewportCommand};
 use std::path::PathBuf;
-use std::sync::Arc;
-use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// The window's pixels, and the file for them.
+type Screenshot = (PathBuf, Arc<ColorImage>);
 
 /// Requested screenshots.
+#[derive(Default)]
 pub(crate) struct Screenshots {
     /// The files of those still to arrive.
     awaited: Vec<PathBuf>,
-    sender: Sender<Screenshot>,
-    receiver: Receiver<Screenshot>,
-}
-
-/// The window's pixels, and the file for them.
-struct Screenshot {
-    path: PathBuf,
-    image: Arc<ColorImage>,
+    arrived: Arc<Mutex<Vec<Screenshot>>>,
 }
 
 impl Screenshots {
-    pub(crate) fn new() -> Self {
-        let (sender, receiver) = channel();
-        Self { awaited: Vec::new(), sender, receiver }
-    }
-
     /// Requests the pixels of the next frame.
     pub(crate) fn take(&mut self, path: PathBuf, egui: &egui::Context) {
         self.awaited.push(path.clone());
-        let (sender, wake) = (self.sender.clone(), egui.clone());
+        let (arrived, wake) = (self.arrived.clone(), egui.clone());
         let callback = ScreenshotCallback::new(move |image| {
-            // Without a receiver the window is gone.
-            let _ = sender.send(Screenshot { path, image });
+            arrived.lock().unwrap_or_else(PoisonError::into_inner).push((path, image));
             wake.request_repaint();
         });
         egui.send_viewport_cmd(ViewportCommand::Screenshot(callback));
@@ -50,15 +40,15 @@ impl Screenshots {
 
     /// Writes those that have arrived. Returns each file with its result.
     pub(crate) fn write(&mut self) -> Vec<(PathBuf, Result<(), PictureError>)> {
-        let mut written = Vec::new();
-        while let Ok(Screenshot { path, image }) = self.receiver.try_recv() {
+        let arrived = std::mem::take(&mut *self.arrived.lock().unwrap_or_else(PoisonError::into_inner));
+        let write = |(path, image): Screenshot| {
             let place = self.awaited.iter().position(|awaited| *awaited == path);
             place.map(|place| self.awaited.remove(place));
             let [width, height] = image.size.map(|side| side as u32);
             let rgb = image.pixels.iter().map(|pixel| [pixel.r(), pixel.g(), pixel.b()]).collect();
             let result = write_png(&path, &Picture { width, height, rgb }, &[]);
-            written.push((path, result));
-        }
-        written
+            (path, result)
+        };
+        arrived.into_iter().map(write).collect()
     }
 }

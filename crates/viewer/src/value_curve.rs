@@ -1,10 +1,11 @@
 //! The values of one voxel over time, for the bar of time steps. A thread reads one brick per channel and step: first a few steps from the whole
 //! range, then those between. A newer voxel ends the reading of the previous one.
 
+use crate::newest::answering;
 use brickyard::probe::probe_voxel;
 use brickyard::session::VolumeSource;
 use eframe::egui;
-use std::sync::mpsc::{Sender, channel};
+use std::sync::mpsc::Sender;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// The values of a volume's voxel, as far as they are read.
@@ -65,7 +66,7 @@ impl CurveReader {
         let steps = vec![Vec::new(); volume.source.times() as usize];
         let curve = Shared::new(Mutex::new(ValueCurve { volume: index, voxel, steps }));
         let question = (curve.clone(), volume.clone(), egui.clone());
-        if self.thread.get_or_insert_with(start).send(question).is_ok() {
+        if self.thread.get_or_insert_with(|| answering(read)).send(question).is_ok() {
             self.read = Some((volume.clone(), curve));
         }
     }
@@ -82,31 +83,19 @@ impl CurveReader {
     }
 }
 
-/// Starts the thread. It ends with the last sender.
-fn start() -> Sender<Question> {
-    let (ask, questions) = channel::<Question>();
-    std::thread::spawn(move || {
-        while let Ok(question) = questions.recv() {
-            let newest = questions.try_iter().last().unwrap_or(question);
-            read(&newest);
-        }
-    });
-    ask
-}
-
 /// Reads a curve until nobody shows it any more.
-fn read((curve, volume, egui): &Question) {
+fn read((curve, volume, egui): Question) {
     let (voxel, steps) = {
-        let curve = locked(curve);
+        let curve = locked(&curve);
         (curve.voxel, curve.steps.len() as u32)
     };
     for step in coarse_to_fine(steps) {
-        if Arc::strong_count(curve) == 1 {
+        if Arc::strong_count(&curve) == 1 {
             return;
         }
-        let probe = probe_voxel(volume, step, voxel);
+        let probe = probe_voxel(&volume, step, voxel);
         match probe.inspect_err(|error| tracing::debug!("a curve has no value at step {step}: {error}")) {
-            Ok(probe) => locked(curve).steps[step as usize] = probe.values,
+            Ok(probe) => locked(&curve).steps[step as usize] = probe.values,
             Err(_) => continue,
         }
         egui.request_repaint();

@@ -24,17 +24,13 @@ pub(crate) struct Views {
 }
 
 impl Views {
-    /// Creates the pictures, on the window's device or on the CPU.
+    /// Creates the pictures of a window to be opened.
     ///
     /// # Errors
-    /// If the device is unfit for the engine.
-    pub(crate) fn new(
-        volumes: Vec<VolumeSource>,
-        options: SessionOptions,
-        device: Option<Device>,
-    ) -> Result<Self, SessionError> {
-        let main = Canvas::new(volumes.clone(), &options, device.as_ref())?;
-        Ok(Self { volumes, options, device, main, planes: Vec::new() })
+    /// If there is no session for them.
+    pub(crate) fn new(volumes: Vec<VolumeSource>, options: SessionOptions) -> Result<Self, SessionError> {
+        let main = Canvas::new(volumes.clone(), &options, None)?;
+        Ok(Self { volumes, options, device: None, main, planes: Vec::new() })
     }
 
     /// Moves to another device; `is_on_cpu` leaves the volumes to the CPU from now on.
@@ -138,7 +134,8 @@ impl Views {
 
     /// Takes the time spent since the last call.
     pub(crate) fn take_spent(&mut self) -> FrameTimes {
-        self.all_mut().map(Canvas::take_spent).fold(FrameTimes::default(), FrameTimes::and)
+        let spent = self.all_mut().map(|canvas| std::mem::take(&mut canvas.spent));
+        spent.fold(FrameTimes::default(), FrameTimes::and)
     }
 
     fn all_mut(&mut self) -> impl Iterator<Item = &mut Canvas> {

@@ -6,7 +6,7 @@ use crate::command::Command;
 use crate::drag::drag_by;
 use crate::measuring::{self, Measuring};
 use crate::overlay::{self, Lens, bricks};
-use crate::picking::{Picked, Picking};
+use crate::picking::Picking;
 use crate::plane_handles::{self, PlaneHandle};
 use crate::state::{State, Tool};
 use brickyard::overlay::World;
@@ -68,9 +68,7 @@ pub(crate) struct VolumeView {
     /// The picture's size in the last frame.
     pub(crate) size_px: (u32, u32),
     hold: Option<Hold>,
-    picking: Picking,
-    /// The pick under the pointer; `None` while it is elsewhere.
-    pub(crate) picked: Option<Picked>,
+    pub(crate) picking: Picking,
 }
 
 impl VolumeView {
@@ -87,7 +85,7 @@ impl VolumeView {
     ) -> Result<(), SessionError> {
         let (size_px, shown) = whole_pixels(ui);
         self.size_px = size_px;
-        let drawn = canvas.show(&seen.state.scene, size_px, ui.ctx());
+        let drawn = canvas.show(&seen.state.scene, size_px);
         let (area, response) = ui.allocate_exact_size(shown, Sense::click_and_drag());
         canvas.paint(ui.painter(), area);
         dim_failed(ui.painter(), canvas, area);
@@ -96,14 +94,16 @@ impl VolumeView {
         let shown = canvas.camera().unwrap_or(camera);
         let Some(lens) = Lens::new(ui.painter(), area, &shown, size_px) else { return drawn };
         self.decorate((&lens, &shown), canvas, (seen, &*measuring), response.hover_pos());
-        self.pick(&lens, canvas, &response);
-        self.drag(&lens, seen, &response, commands);
-        self.click(&lens, (seen, measuring), &response, commands);
+        if self.hold.is_none() {
+            self.picking.look(canvas, &lens, &response);
+        }
+        commands.extend(self.dragged(&lens, seen, &response));
+        commands.extend(self.clicked(&lens, (seen, measuring), &response));
         if response.hovered() {
-            scroll(ui, &lens, commands);
+            commands.extend(scrolled(ui, &lens));
         }
         if seen.state.window.tool == Tool::Fly {
-            fly(ui, commands);
+            commands.extend(flown(ui));
         }
         drawn
     }
@@ -126,21 +126,19 @@ impl VolumeView {
         measuring.show(lens, self.end(lens, (seen, measuring), pointer), world.unit);
         if window.overlays.clip_handles {
             let near = self.hold.or_else(|| pointer.and_then(|pointer| handle(lens, scene, world, pointer)));
-            let face = near.and_then(|near| if let Hold::Face(face) = near { Some(face) } else { None });
-            let plane = near.and_then(|near| if let Hold::Plane(plane) = near { Some(plane) } else { None });
+            let (face, plane) = match near {
+                Some(Hold::Face(face)) => (Some(face), None),
+                Some(Hold::Plane(plane)) => (None, Some(plane)),
+                _ => (None, None),
+            };
             scene.clip.iter().for_each(|clip| clip_handles::show(lens, *clip, face));
             plane_handles::show(lens, &scene.clip_planes, world.corners, plane);
         }
     }
 
-    /// Updates the pick under the pointer, except during a drag.
-    fn pick(&mut self, lens: &Lens, canvas: &Canvas, response: &Response) {
-        if self.hold.is_some() {
-            return;
-        }
-        let place_px = response.hover_pos().map(|pointer| lens.pixel(pointer));
-        let (scene, volumes) = canvas.resolved();
-        self.picked = self.picking.at(&response.ctx, scene, volumes, place_px);
+    /// The visible world point under the pointer, if any.
+    fn point(&self) -> Option<DVec3> {
+        self.picking.picked.as_ref().map(|picked| picked.pick.point)
     }
 
     /// The object of a drag that starts here.
@@ -159,73 +157,67 @@ impl VolumeView {
             (Some(handle), ..) => handle,
             (None, true, _) => Hold::Roll,
             (None, false, Tool::Fly) => Hold::Look,
-            (None, false, _) => Hold::Turn(self.picked.as_ref().map(|picked| picked.pick.point)),
+            (None, false, _) => Hold::Turn(self.point()),
         }
     }
 
-    fn drag(&mut self, lens: &Lens, seen: &Seen<'_>, response: &Response, commands: &mut Vec<Command>) {
+    fn dragged(&mut self, lens: &Lens, seen: &Seen<'_>, response: &Response) -> Option<Command> {
         if response.drag_started() {
             let from = response.ctx.input(|input| input.pointer.press_origin());
             let from = from.or_else(|| response.interact_pointer_pos()).unwrap_or(lens.area.center());
             self.hold = Some(self.grasp(lens, seen, response, from));
         }
-        let by = drag_by(response);
-        if let Some(hold) = self.hold.filter(|_| response.dragged() && by != egui::Vec2::ZERO) {
-            let parts = by / lens.area.height().max(1.0);
-            let (right, down) = (f64::from(parts.x), f64::from(parts.y));
-            commands.push(match hold {
-                Hold::Turn(about) => Command::Orbit { right_deg: TURN_DEG * right, up_deg: -TURN_DEG * down, about },
-                Hold::Look => Command::Look { right_deg: LOOK_DEG * right, up_deg: -LOOK_DEG * down },
-                Hold::Roll => Command::Roll { angle_deg: TURN_DEG * right },
-                Hold::Pan => Command::Pan { right, up: -down },
-                Hold::Zoom => Command::Zoom { factor: (-2.0 * down).exp(), at: None },
-                Hold::Face(face) => match (seen.state.scene.clip, &seen.world) {
-                    (Some(clip), Some(world)) => {
-                        Command::set("clip", json!(clip_handles::dragged(lens, clip, face, by, world.corners)))
-                    }
-                    _ => return,
-                },
-                Hold::Plane(PlaneHandle { plane: i, is_tip }) => {
-                    let (Some(plane), Some(world)) = (seen.state.scene.clip_planes.get(i), &seen.world) else { return };
-                    let ClipPlane { point, normal } = plane_handles::dragged(lens, *plane, is_tip, by, world.corners);
-                    let field = |name: &str, value: DVec3| (format!("clip_planes.{i}.{name}"), json!(value));
-                    Command::Set(vec![field("point", point), field("normal", normal)])
-                }
-            });
-        }
         if !response.dragged() {
             self.hold = None;
         }
+        let by = drag_by(response);
+        let hold = self.hold.filter(|_| by != egui::Vec2::ZERO)?;
+        let parts = by / lens.area.height().max(1.0);
+        let (right, down) = (f64::from(parts.x), f64::from(parts.y));
+        let whole = seen.world.as_ref().map(|world| world.corners);
+        Some(match hold {
+            Hold::Turn(about) => Command::Orbit { right_deg: TURN_DEG * right, up_deg: -TURN_DEG * down, about },
+            Hold::Look => Command::Look { right_deg: LOOK_DEG * right, up_deg: -LOOK_DEG * down },
+            Hold::Roll => Command::Roll { angle_deg: TURN_DEG * right },
+            Hold::Pan => Command::Pan { right, up: -down },
+            Hold::Zoom => Command::Zoom { factor: (-2.0 * down).exp(), at: None },
+            Hold::Face(face) => {
+                let clip = clip_handles::dragged(lens, seen.state.scene.clip?, face, by, whole?);
+                Command::set("clip", json!(clip))
+            }
+            Hold::Plane(PlaneHandle { plane: i, is_tip }) => {
+                let plane = *seen.state.scene.clip_planes.get(i)?;
+                let ClipPlane { point, normal } = plane_handles::dragged(lens, plane, is_tip, by, whole?);
+                let field = |name: &str, value: DVec3| (format!("clip_planes.{i}.{name}"), json!(value));
+                Command::Set(vec![field("point", point), field("normal", normal)])
+            }
+        })
     }
 
     /// The place under the pointer where a distance would start or end.
     fn end(&self, lens: &Lens, (seen, measuring): (&Seen<'_>, &Measuring), pointer: Option<Pos2>) -> Option<DVec3> {
         let place_px = pointer.map(|pointer| lens.pixel(pointer));
-        let picked = self.picked.as_ref().map(|picked| picked.pick.point);
-        measuring::end(&seen.state.scene, &lens.rays, measuring.from(), place_px, picked)
+        measuring::end(&seen.state.scene, &lens.rays, measuring.from(), place_px, self.point())
     }
 
-    fn click(
+    fn clicked(
         &self,
         lens: &Lens,
         (seen, measuring): (&Seen<'_>, &mut Measuring),
         response: &Response,
-        commands: &mut Vec<Command>,
-    ) {
+    ) -> Option<Command> {
         if response.clicked() && response.ctx.input(|input| input.modifiers.alt) {
-            commands.extend(self.picked.as_ref().and_then(|picked| isolation(seen, picked)));
-            return;
+            return isolation(seen, &self.picking);
         }
-        let tool = seen.state.window.tool;
-        let point = self.picked.as_ref().map(|picked| picked.pick.point);
-        if response.double_clicked() && tool == Tool::Turn {
-            commands.push(point.map_or(Command::Fit, Command::Center));
-        }
-        if response.clicked() && tool == Tool::Distance {
-            let place = self.end(lens, (seen, &*measuring), response.interact_pointer_pos());
-            commands.extend(place.and_then(|place| measuring.click(place, seen.state)));
-            // The mark of the first click appears in the next frame, which nothing else may request.
-            response.ctx.request_repaint();
+        match seen.state.window.tool {
+            Tool::Turn if response.double_clicked() => Some(self.point().map_or(Command::Fit, Command::Center)),
+            Tool::Distance if response.clicked() => {
+                // The mark of the first click appears in the next frame, which nothing else may request.
+                response.ctx.request_repaint();
+                let place = self.end(lens, (seen, &*measuring), response.interact_pointer_pos())?;
+                measuring.click(place, seen.state)
+            }
+            _ => None,
         }
     }
 }
@@ -244,7 +236,8 @@ fn handle(lens: &Lens, scene: &Scene, world: &World<'_>, place: Pos2) -> Option<
 }
 
 /// Shows the picked label alone, or all labels if it is alone already.
-pub(crate) fn isolation(seen: &Seen<'_>, picked: &Picked) -> Option<Command> {
+pub(crate) fn isolation(seen: &Seen<'_>, picking: &Picking) -> Option<Command> {
+    let picked = picking.picked.as_ref()?;
     let (layer, label) = (picked.pick.layer, picked.label?);
     let is_alone = seen.state.scene.layers.get(layer)?.show_labels == Some(vec![label]);
     let shown = if is_alone { json!(null) } else { json!([label]) };
@@ -260,33 +253,26 @@ pub(crate) fn whole_pixels(ui: &Ui) -> ((u32, u32), egui::Vec2) {
     (size_px, vec2(size_px.0 as f32, size_px.1 as f32) / scale)
 }
 
-/// Zoom factor of wheel and pinch in this frame.
-pub(crate) fn zoom_factor(ui: &Ui) -> f64 {
-    let (wheel, pinch) = ui.input(|input| (input.smooth_scroll_delta().y, input.zoom_delta()));
-    f64::from(pinch) * (f64::from(wheel) / 200.0).exp()
-}
-
 /// Zooms towards the pointer, by wheel and pinch.
-fn scroll(ui: &Ui, lens: &Lens, commands: &mut Vec<Command>) {
-    let factor = zoom_factor(ui);
-    let pointer = ui.input(|input| input.pointer.hover_pos());
-    let Some(pointer) = pointer.filter(|_| factor != 1.0) else { return };
+fn scrolled(ui: &Ui, lens: &Lens) -> Option<Command> {
+    let (wheel, pinch, pointer) =
+        ui.input(|input| (input.smooth_scroll_delta().y, input.zoom_delta(), input.pointer.hover_pos()));
+    let factor = f64::from(pinch) * (f64::from(wheel) / 200.0).exp();
+    let pointer = pointer.filter(|_| factor != 1.0)?;
     let place = (pointer - lens.area.min) / lens.area.size();
-    commands.push(Command::Zoom { factor, at: Some([f64::from(place.x), f64::from(place.y)]) });
+    Some(Command::Zoom { factor, at: Some([f64::from(place.x), f64::from(place.y)]) })
 }
 
 /// Flies while flight keys are held.
-fn fly(ui: &Ui, commands: &mut Vec<Command>) {
+fn flown(ui: &Ui) -> Option<Command> {
     if ui.ctx().egui_wants_keyboard_input() {
-        return;
+        return None;
     }
     let (by, seconds) = ui.input(|input| {
         let held = FLIGHT_KEYS.iter().filter(|(key, _)| input.key_down(*key) && input.modifiers.is_none());
         let by = held.fold(DVec3::ZERO, |sum, (_, by)| sum + DVec3::from_array(*by));
         (by, f64::from(input.stable_dt.min(0.1)))
     });
-    if by != DVec3::ZERO {
-        let [right, up, forward] = (by * FLIGHT * seconds).to_array();
-        commands.push(Command::Fly { right, up, forward });
-    }
+    let [right, up, forward] = (by * FLIGHT * seconds).to_array();
+    (by != DVec3::ZERO).then_some(Command::Fly { right, up, forward })
 }

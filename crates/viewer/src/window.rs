@@ -14,18 +14,16 @@ use crate::input_order::InputOrder;
 use crate::keeping::{self, Keeper};
 use crate::marks::{self, Marks, Over};
 use crate::measuring::Measuring;
+use crate::messages::{About, Messages};
 use crate::navigation::moved;
-use crate::note::Note;
 use crate::opening::Openings;
 use crate::pacing::Pacing;
 use crate::panels;
 use crate::panels::dialogs::{Dialog, DialogKind};
-use crate::panels::status::{Outcome, Said};
 use crate::picking::Picked;
 use crate::plane_view::PlaneView;
 use crate::planes::Grid;
 use crate::play::Play;
-use crate::problem::{About, Problem};
 use crate::recent::Recent;
 use crate::saving::Saving;
 use crate::screenshots::Screenshots;
@@ -38,7 +36,6 @@ use crate::window::files::Next;
 use crate::{clicks::Clicks, keys, work_row};
 use brickyard::overlay::{World, unit};
 use brickyard::session::{SessionError, VolumeSource};
-use brickyard::text_file::write_text;
 use brickyard::unlike_sizes::unlike_sizes;
 use brickyard::volume::Scene;
 use brickyard::volume::scene::VolumePlace;
@@ -93,12 +90,7 @@ pub(crate) struct Window {
     saving: Vec<Saving>,
     recent: Recent,
     dialog: Option<Dialog>,
-    problem: Option<Problem>,
-    /// The last problem in the log.
-    told: Option<Problem>,
-    note: Option<Note>,
-    /// The time since which a picture cannot be drawn.
-    failing_since: Option<Instant>,
+    messages: Messages,
     /// Whether fullscreen was requested of the display.
     is_fullscreen: bool,
     started: Option<Instant>,
@@ -106,6 +98,8 @@ pub(crate) struct Window {
     clicks: Clicks,
     order: InputOrder,
     pacing: Pacing,
+    /// Start of opening the volumes.
+    opened: Instant,
     /// A file for frame times; `None` writes none.
     stats: Option<PathBuf>,
     /// The handover, once the device is lost.
@@ -120,13 +114,16 @@ impl Window {
         (openings, mut recent): (Openings, Recent),
         script: Script,
         (keeper, message): (Keeper, Option<String>),
-        (pacing, stats): (Pacing, Option<PathBuf>),
+        (opened, stats): (Instant, Option<PathBuf>),
     ) -> Self {
         // A window that plays a script leaves no trace.
         let paths = if script.is_over() { openings.paths() } else { Vec::new() };
         let noted = paths.iter().try_for_each(|path| recent.add(path));
-        let problem = message.or(noted.err()).map(|message| Problem::new(About::Work, message));
-        let problem = problem.or(remark(&state.scene, views.volumes()));
+        let mut messages = Messages::default();
+        match message.or(noted.err()) {
+            Some(message) => messages.say(About::Work, message),
+            None => messages.warn(warning(&state.scene, views.volumes())),
+        }
         let mut window = Self {
             openings,
             next: None,
@@ -145,21 +142,19 @@ impl Window {
             script,
             failure: None,
             keeper,
-            problem,
-            told: None,
-            note: None,
-            failing_since: None,
+            messages,
             is_fullscreen: false,
             started: None,
-            screenshots: Screenshots::new(),
+            screenshots: Screenshots::default(),
             clicks: Clicks::default(),
             order: InputOrder::default(),
-            pacing,
+            pacing: Pacing::default(),
+            opened,
             stats,
             left: None,
         };
         if window.openings.are_none() {
-            window.show_dialog(DialogKind::Open);
+            window.show_dialog(DialogKind::Open(Placing::Instead));
         }
         window
     }
@@ -171,13 +166,13 @@ impl Window {
     /// Performs a command, and shows any problem with it.
     fn perform(&mut self, command: &Command, egui: &egui::Context) {
         tracing::debug!("{command}");
-        self.note = None;
+        self.messages.forget_note();
         if let Err(problem) = self.try_perform(command, egui) {
             if matches!(command, Command::Undo | Command::Redo) {
-                return self.remark(problem);
+                return self.messages.remark(problem);
             }
-            let about = if command.names_file() { About::Work } else { About::Scene };
-            self.say(about, command.failure(&problem));
+            let about = if command.file().is_some() { About::Work } else { About::Scene };
+            self.messages.say(about, command.failure(&problem));
         }
     }
 
@@ -197,72 +192,32 @@ impl Window {
     fn fail(&mut self, line: &Line, problem: &str) {
         let problem = line.failure(problem);
         self.script.stop();
-        self.say(About::Work, problem.clone());
+        self.messages.say(About::Work, problem.clone());
         self.failure.get_or_insert(problem);
-    }
-
-    /// Shows a note on completed work.
-    fn note(&mut self, note: String) {
-        (self.note, self.problem) = (Some(Note::new(note)), None);
-    }
-
-    /// Shows a passing remark.
-    fn remark(&mut self, text: impl Into<String>) {
-        self.note = Some(Note::passing(text));
-    }
-
-    /// Removes a remark at the end of its time, requesting a repaint for it.
-    fn end_note(&mut self, egui: &egui::Context) {
-        match self.note.as_ref().and_then(Note::left) {
-            Some(Duration::ZERO) => self.note = None,
-            left => left.into_iter().for_each(|left| egui.request_repaint_after(left)),
-        }
-    }
-
-    /// Shows a problem.
-    fn say(&mut self, about: About, text: impl Into<String>) {
-        self.problem = Some(Problem::new(about, text));
     }
 
     /// Shows why a picture cannot be drawn, until one can. A script waiting for it fails.
     fn take_failure(&mut self, drawn: Result<(), SessionError>) {
         match drawn {
             Ok(()) if self.views.are_failing() => {}
-            Ok(()) => {
-                self.failing_since = None;
-                self.end_problem(About::Picture);
-                return;
-            }
-            Err(error) => self.say(About::Picture, error.to_string()),
+            Ok(()) => self.messages.end_failing(),
+            Err(error) => self.messages.say_failing(error.to_string()),
         }
-        let since = *self.failing_since.get_or_insert_with(Instant::now);
-        if since.elapsed() > HOPELESS
+        if let Some((_, problem)) = self.messages.failing().filter(|(since, _)| *since > HOPELESS)
             && let Some(line) = self.script.waiting().cloned()
         {
-            let problem = self.problem.as_ref().map_or_else(String::new, |problem| problem.text.clone());
+            let problem = problem.to_string();
             self.fail(&line, &problem);
         }
     }
 
-    /// Removes the problem if this is its subject.
-    fn end_problem(&mut self, about: About) {
-        self.problem.take_if(|problem| problem.about == about);
-    }
-
-    /// Shows the result of work started by a command.
-    fn say_ended(&mut self, is_it: impl Fn(&Command) -> bool, ended: Result<String, String>) {
+    /// Shows the result of work started by a command, unless it was stopped by hand.
+    fn say_ended(&mut self, is_it: impl Fn(&Command) -> bool, ended: Result<String, String>, is_stopped: bool) {
         match (self.script.ended(is_it), ended) {
-            (_, Ok(done)) => self.note(done),
+            (_, Ok(done)) => self.messages.note_done(done),
             (Some(line), Err(problem)) => self.fail(&line, &problem),
-            (None, Err(problem)) => self.say(About::Work, problem),
-        }
-    }
-
-    /// Reports that work started by a command was stopped by hand.
-    fn say_stopped(&mut self, is_it: impl Fn(&Command) -> bool, text: String) {
-        match self.script.ended(is_it) {
-            Some(line) => self.fail(&line, &text),
-            None => self.remark(text),
+            (None, Err(problem)) if is_stopped => self.messages.remark(problem),
+            (None, Err(problem)) => self.messages.say(About::Work, problem),
         }
     }
 
@@ -277,7 +232,7 @@ impl Window {
             Command::Redo => self.history.redo(&mut self.state).then_some(()).ok_or("there is nothing to redo")?,
             Command::SaveScene(path) => {
                 keeping::write(path, &self.state)?;
-                self.note(wrote(path));
+                self.messages.note_done(wrote(path));
             }
             Command::SavePicture(path, form) => {
                 let marks = form.marks.unwrap_or(Marks::shown(&self.state.window));
@@ -288,8 +243,7 @@ impl Window {
             Command::Click(place) => self.clicks.add(*place),
             Command::Quit => egui.send_viewport_cmd(ViewportCommand::Close),
             Command::LoseGpu => self.views.device().into_iter().for_each(Device::lose),
-            Command::Open(paths) => self.open(paths, Placing::Instead)?,
-            Command::Add(paths) => self.open(paths, Placing::Beside)?,
+            Command::Open(paths, placing) => self.open(paths, *placing)?,
             Command::OpenAs(path, description, placing) => self.open_as(path, description, *placing)?,
             Command::Export(path) => self.export(path)?,
             _ => {
@@ -314,7 +268,7 @@ impl Window {
             fields.iter().map(|(field, _)| field.as_str()).filter(|field| !is_navigation(field)).collect();
         if !edits.is_empty() {
             self.history.edit(&self.state, &edits.join(" "));
-            self.end_problem(About::Scene);
+            self.messages.end(About::Scene);
         }
         self.state = edited;
         Ok(())
@@ -390,14 +344,14 @@ impl Window {
     }
 
     fn picked_label(&self) -> Option<i64> {
-        self.volume_view.picked.as_ref().and_then(|picked| picked.label)
+        self.volume_view.picking.picked.as_ref().and_then(|picked| picked.label)
     }
 
     /// The pick under the pointer, in any of the window's pictures.
     fn picked(&self) -> Option<&Picked> {
         let planes = self.plane_views.iter().filter(|_| !self.views.planes.is_empty());
-        let pictures = planes.map(|view| &view.picked).chain([&self.volume_view.picked]);
-        pictures.flatten().next()
+        let pictures = planes.map(|view| &view.picking).chain([&self.volume_view.picking]);
+        pictures.flat_map(|picking| &picking.picked).next()
     }
 
     /// The values over time of the voxel under the pointer, if the document shows them; of the last such voxel where there is none or pictures
@@ -424,14 +378,14 @@ impl Window {
         for (path, written) in self.screenshots.write() {
             let is_it = |command: &Command| matches!(command, Command::Screenshot(file) if *file == path);
             let written = written.map(|()| wrote(&path)).map_err(|error| error.to_string());
-            self.say_ended(is_it, written);
+            self.say_ended(is_it, written, false);
         }
         while let Some(written) = self.saving.first_mut().and_then(Saving::poll) {
             let path = self.saving.remove(0).path().to_path_buf();
             self.say_saved(&path, written);
         }
         let size_px = self.volume_view.size_px;
-        match self.views.main.captured(size_px, egui) {
+        match self.views.main.captured(size_px) {
             Ok(None) => {}
             Ok(Some(captured)) => {
                 let (of_picture, path) = ((captured.picture.width, captured.picture.height), captured.path.clone());
@@ -444,14 +398,14 @@ impl Window {
             }
             Err(error) => {
                 let is_picture = |command: &Command| matches!(command, Command::SavePicture(..));
-                self.say_ended(is_picture, Err(format!("the picture cannot be written: {error}")));
+                self.say_ended(is_picture, Err(format!("the picture cannot be written: {error}")), false);
             }
         }
     }
 
     fn say_saved(&mut self, path: &Path, written: Result<(), String>) {
         let is_it = |command: &Command| matches!(command, Command::SavePicture(file, _) if file == path);
-        self.say_ended(is_it, written.map(|()| wrote(path)));
+        self.say_ended(is_it, written.map(|()| wrote(path)), false);
     }
 
     /// Shows the panels around the pictures, which edit a copy of the state. Returns the room for the row of time steps, if any.
@@ -480,23 +434,17 @@ impl Window {
             self.show_dialog(kind);
         }
         let below_menu = ui.available_rect_before_wrap();
-        let status = egui::Panel::bottom("status").show(ui, |ui| {
-            let views = Some(&self.views).filter(|_| has_volumes);
-            let said = Said {
-                problem: self.problem.as_ref().map(|problem| problem.text.as_str()),
-                note: self.note.as_ref().map(|note| note.text.as_str()),
-                picked: self.picked().map(|picked| &picked.words),
-            };
-            panels::status::show(ui, views, &said)
-        });
-        self.problem.take_if(|_| status.inner == Outcome::PutAway);
+        let picked = self.picked().map(|picked| picked.words.clone());
+        let (views, messages) = (Some(&self.views).filter(|_| has_volumes), &mut self.messages);
+        let status = egui::Panel::bottom("status");
+        let is_long = status.show(ui, |ui| panels::status::show(ui, views, (messages, picked.as_ref()))).inner;
         let has_steps = has_volumes && VolumeSource::timeline(self.views.volumes(), &state.scene).steps() > 1;
         let room = has_steps
             .then(|| egui::Panel::bottom("playing").show(ui, |ui| panels::playing::room(ui, &state.window.play)).inner);
         if has_volumes {
             self.side_panels(ui, state, commands);
         }
-        self.over_pictures(ui, status.inner == Outcome::TooLong);
+        self.over_pictures(ui, is_long);
         panels::help::show(ui, &mut state.window.help, below_menu);
         room
     }
@@ -515,12 +463,12 @@ impl Window {
     /// Shows rows over the lower end of the pictures, in the free room of `ui`: files being read or written, and any problem too long for a line.
     /// They take no room from the pictures, which another height would force to be redrawn.
     fn over_pictures(&mut self, ui: &Ui, has_problem: bool) {
-        let problem = self.problem.as_ref().filter(|_| has_problem).map(|problem| problem.text.clone());
+        let has_problem = has_problem && self.messages.problem().is_some();
         let capturing = self.views.main.capturing();
-        if problem.is_none() && !self.is_busy() && capturing.is_none() {
+        if !has_problem && !self.is_busy() && capturing.is_none() {
             return;
         }
-        let (mut is_given_up, mut is_put_away) = (false, false);
+        let mut is_given_up = false;
         let frame = egui::Frame::popup(ui.style());
         let room = ui.available_rect_before_wrap();
         let width = WORK_WIDTH.min(room.width() - frame.total_margin().sum().x);
@@ -529,21 +477,20 @@ impl Window {
             frame.show(ui, |ui| {
                 ui.set_width(width);
                 self.openings.show(ui);
-                self.next.iter().for_each(|next| next.show(ui));
+                self.next.iter().for_each(|next| next.openings.show(ui));
                 self.exporting.iter().for_each(|exporting| exporting.show(ui));
                 self.saving.iter().for_each(|saving| work_row::show_writing(ui, saving.path()));
                 if let Some((path, share)) = capturing {
                     is_given_up = work_row::show_share(ui, ("drawing", path), share);
                 }
-                if let Some(problem) = &problem {
-                    is_put_away = panels::status::problem(ui, problem, TextWrapMode::Wrap);
+                if has_problem {
+                    panels::status::problem(ui, &mut self.messages, TextWrapMode::Wrap);
                 }
             });
         });
-        self.problem.take_if(|_| is_put_away);
         if is_given_up && let Some(path) = self.views.main.give_up_capture() {
             let is_it = |command: &Command| matches!(command, Command::SavePicture(file, _) if *file == path);
-            self.say_stopped(is_it, format!("{} was not written: saving was stopped", path.display()));
+            self.say_ended(is_it, Err(format!("{} was not written: saving was stopped", path.display())), true);
         }
     }
 
@@ -561,10 +508,10 @@ impl Window {
                 panels::view::groups(ui, &mut state.scene, self.views.volumes());
             });
         });
-        for function in saved {
-            match function.write() {
-                Ok(()) => self.note(wrote(&function.path)),
-                Err(error) => self.say(About::Work, error.to_string()),
+        for (path, function) in saved {
+            match keeping::write_json(&path, &function) {
+                Ok(()) => self.messages.note_done(wrote(&path)),
+                Err(problem) => self.messages.say(About::Work, problem),
             }
         }
         if state.window.diagnostics {
@@ -592,18 +539,17 @@ impl Window {
     fn keep(&mut self) -> Option<Duration> {
         let kept = self.keeper.keep(&self.state);
         kept.unwrap_or_else(|problem| {
-            self.say(About::Work, format!("the window's state cannot be kept: {problem}"));
+            self.messages.say(About::Work, format!("the window's state cannot be kept: {problem}"));
             None
         })
     }
 }
 
 /// A warning about volumes of one shape drawn at unlike sizes, if any, with the command that mends it.
-fn remark(scene: &Scene, volumes: &[VolumeSource]) -> Option<Problem> {
+fn warning(scene: &Scene, volumes: &[VolumeSource]) -> Option<String> {
     unlike_sizes(scene, volumes).map(|unlike| {
         let rows = unlike.numbers().map(|row| format!("[{}]", row.join(", "))).join(", ");
-        let text = format!("{unlike}; alike with: set layers.{}.world_from_volume [{rows}]", unlike.layer);
-        Problem::new(About::Scene, text)
+        format!("{unlike}; alike with: set layers.{}.world_from_volume [{rows}]", unlike.layer)
     })
 }
 
@@ -638,7 +584,7 @@ impl Window {
         self.update(ui);
         // If the device was lost meanwhile, nobody sees the frame or its messages.
         if !self.is_leaving(&egui) {
-            self.tell();
+            self.messages.log();
         }
     }
 
@@ -673,15 +619,7 @@ impl Window {
         for path in self.screenshots.give_up().into_iter().rev() {
             self.script.again(Command::Screenshot(path));
         }
-        self.say(About::Work, message);
-    }
-
-    /// Logs the current problem once.
-    fn tell(&mut self) {
-        if self.told != self.problem {
-            self.told = self.problem.clone();
-            self.told.iter().for_each(|problem| tracing::info!("{}", problem.text));
-        }
+        self.messages.say(About::Work, message);
     }
 
     /// Whether the device is lost. The window then closes and draws nothing more: egui panics with shapes but no device to draw them on.
@@ -703,7 +641,7 @@ impl Window {
         let egui = ui.ctx().clone();
         self.write_pictures(&egui);
         if let Err(problem) = self.follow_files(&egui) {
-            self.say(About::Work, problem);
+            self.messages.say(About::Work, problem);
         }
         self.play(&egui);
         if self.failure.is_some() {
@@ -722,7 +660,7 @@ impl Window {
                 is_busy = true;
             }
         }
-        self.end_note(&egui);
+        self.messages.end_remark(&egui);
         let mut panel_state = self.state.clone();
         let row = self.panels(ui, &mut panel_state, &mut commands);
         self.choose_files(&egui, &mut commands);
@@ -738,7 +676,7 @@ impl Window {
         if panel_state != self.state {
             match changes(&self.state, &panel_state) {
                 Ok(fields) => commands.push(Command::Set(fields)),
-                Err(problem) => self.say(About::Scene, problem),
+                Err(problem) => self.messages.say(About::Scene, problem),
             }
         }
         self.take_failure(drawn);
@@ -750,7 +688,7 @@ impl Window {
         // A command shows in the next frame.
         if is_busy || !commands.is_empty() || self.order.is_waiting() {
             egui.request_repaint();
-        } else if self.failing_since.is_some() {
+        } else if self.messages.failing().is_some() {
             egui.request_repaint_after(FAILING_STEP);
         } else if self.screenshots.are_awaited() || !self.clicks.are_done() {
             egui.request_repaint_after(STREAMING_STEP);
@@ -782,8 +720,7 @@ impl Window {
             tracing::warn!("the window's state cannot be kept: {problem}");
         }
         if let Some(path) = &self.stats {
-            let text = serde_json::to_string_pretty(&self.pacing.stats()).map_err(|error| error.to_string());
-            let written = text.and_then(|text| write_text(path, &(text + "\n")).map_err(|error| error.to_string()));
+            let written = keeping::write_json(path, &self.pacing.stats(self.opened));
             written.unwrap_or_else(|problem| tracing::error!("{problem}"));
         }
     }

@@ -9,7 +9,6 @@ use brickyard::frame_governor::{Quality, QualityControl};
 use brickyard::pager::Status;
 use brickyard::session::{Drawn, Frame, Painting, Session, SessionError};
 use brickyard::volume::{Picture, Scene};
-use eframe::egui;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -144,7 +143,7 @@ impl Canvas {
     ///
     /// # Errors
     /// If no thread can be started.
-    pub(super) fn show_beside(&mut self, wanted: Wanted, egui: &egui::Context) -> Result<(), SessionError> {
+    pub(super) fn show_beside(&mut self, wanted: Wanted) -> Result<(), SessionError> {
         let order = Order {
             wanted: wanted.clone(),
             shown: self.shown.clone(),
@@ -154,21 +153,16 @@ impl Canvas {
             is_adaptive: self.is_adaptive,
         };
         let painting = Painting::new(wanted.size_px, eyes(&wanted.scene));
-        self.leave(Task::Show(Box::new(wanted)), painting, egui, |engine, stage| order.run(engine, stage))
+        self.leave(Task::Show(Box::new(wanted)), painting, |engine, stage| order.run(engine, stage))
     }
 
     /// Sends the session to draw a sample of the shown picture.
     ///
     /// # Errors
     /// If no thread can be started.
-    pub(super) fn smooth_beside(
-        &mut self,
-        frame: Frame,
-        (size_px, has_two_eyes): ((u32, u32), bool),
-        egui: &egui::Context,
-    ) -> Result<(), SessionError> {
-        let painting = Painting::new(size_px, 1 + u32::from(has_two_eyes));
-        self.leave(Task::Smooth, painting, egui, move |engine, stage| {
+    pub(super) fn smooth_beside(&mut self, frame: Frame, size_px: (u32, u32)) -> Result<(), SessionError> {
+        let painting = Painting::new(size_px, frame.scene.eyes() as u32);
+        self.leave(Task::Smooth, painting, move |engine, stage| {
             let begun = Instant::now();
             let picture = engine.session.paint(&frame, &stage.painting)?;
             Ok(Done::Sample(picture, begun.elapsed()))
@@ -183,18 +177,17 @@ impl Canvas {
         &mut self,
         (scene, made): (Scene, Arc<Made>),
         size_px: (u32, u32),
-        egui: &egui::Context,
     ) -> Result<(), SessionError> {
         match &self.drawing {
             Some((_, Task::Capture)) => return Ok(()),
             Some((drawing, _)) => {
-                drawing.abandon();
+                drawing.painting().abandon();
                 return Ok(());
             }
             None => {}
         }
         let painting = Painting::new(size_px, eyes(&scene));
-        self.leave(Task::Capture, painting, egui, move |engine, stage| {
+        self.leave(Task::Capture, painting, move |engine, stage| {
             capture(&mut engine.session, (&scene, &made), size_px, &stage.painting)
         })
     }
@@ -204,16 +197,16 @@ impl Canvas {
         &mut self,
         task: Task,
         painting: Painting,
-        egui: &egui::Context,
         draw: impl FnOnce(&mut Engine, &Stage) -> Result<Done, SessionError> + Send + 'static,
     ) -> Result<(), SessionError> {
+        let Some(screen) = &self.screen else { return Ok(()) };
         let Some(engine) = self.engine.take() else { return Ok(()) };
         let changes = std::mem::take(&mut self.changes);
         let draw = |engine: &mut Engine, stage: &Stage| {
             changes.into_iter().for_each(|change| change.apply(&mut engine.session));
             draw(engine, stage)
         };
-        match Drawing::begin(engine, painting, egui.clone(), draw) {
+        match Drawing::begin(engine, painting, screen.device.egui.clone(), draw) {
             Ok(drawing) => {
                 self.drawing = Some((drawing, task));
                 Ok(())
@@ -222,23 +215,23 @@ impl Canvas {
                 let session = Session::new(self.known.volumes.clone(), self.options);
                 let control = QualityControl::new(self.goal);
                 self.engine = Some(Box::new(Engine { session, control }));
-                self.changes = vec![Change::Play(self.playback)];
+                self.changes = vec![Change::Play(self.pace.playback)];
                 Err(SessionError::NoThread(error))
             }
         }
     }
 
-    /// Takes in the session's report, and the session itself, if due, with its picture. Returns a picture to be saved.
+    /// Takes in the session's report, and the session itself, if due, with its picture.
     ///
     /// # Errors
     /// If it could not be drawn.
-    pub(super) fn arrive(&mut self) -> Result<Option<(Picture, Frame)>, SessionError> {
+    pub(super) fn arrive(&mut self) -> Result<(), SessionError> {
         // The last report precedes the end.
         let is_over = self.drawing.as_ref().is_some_and(|(drawing, _)| drawing.is_over());
         self.hear();
-        let Some((drawing, task)) = self.drawing.take_if(|_| is_over) else { return Ok(None) };
-        let is_abandoned = drawing.is_abandoned();
-        let Some(Home { engine, done }) = drawing.end() else { return Ok(None) };
+        let Some((drawing, task)) = self.drawing.take_if(|_| is_over) else { return Ok(()) };
+        let is_abandoned = drawing.painting().is_abandoned();
+        let Some(Home { engine, done }) = drawing.end() else { return Ok(()) };
         (self.engine, self.looked) = (Some(engine), None);
         if !matches!(task, Task::Capture) {
             self.keep_pace();
@@ -253,27 +246,24 @@ impl Canvas {
                 .for_each(|shown| shown.samples_left = None);
         }
         let done = done?;
-        let Some(screen) = &mut self.screen else { return Ok(None) };
+        let Some(screen) = &mut self.screen else { return Ok(()) };
         match done {
             Done::Nothing => {}
-            Done::Capture(picture, frame) => return Ok(Some((picture, *frame))),
+            Done::Capture(picture, frame) => self.keep_capture(picture, *frame),
             Done::Sample(picture, took) => {
-                let Some(Shown { scene, samples_left: Some(left), .. }) = &mut self.shown else { return Ok(None) };
-                screen.add(&picture, *left == scene.pixel_samples.count());
-                *left = left.saturating_sub(1);
-                if *left == 0 {
-                    screen.show_mean();
-                }
+                let Some(Shown { of, samples_left: Some(left), .. }) = &self.shown else { return Ok(()) };
+                screen.add(&picture, *left == of.scene.pixel_samples.count());
+                self.count_sample();
                 self.spent.beside += took;
             }
             Done::Picture { picture, shown, times } => {
-                screen.put(&picture, (picture.width, picture.height) != shown.size_px);
+                screen.put(&picture, (picture.width, picture.height) != shown.of.size_px);
                 self.picture = Some(Arc::new(picture));
                 self.took(times);
                 self.drew(Drawn::Whole, *shown);
             }
         }
-        Ok(None)
+        Ok(())
     }
 
     /// Takes in the session's last report.
@@ -311,7 +301,7 @@ impl Canvas {
         };
         if !is_wanted {
             if !is_brief {
-                drawing.abandon();
+                drawing.painting().abandon();
             }
             return;
         }
@@ -319,7 +309,7 @@ impl Canvas {
         let is_due = begun.at.elapsed() > LOOK && self.looked.is_none_or(|looked| looked.elapsed() > LOOK);
         // Only over a picture of the same scene and time step.
         if is_due && shown.is_some_and(|shown| shown.frame.scene.time == self.pace.stepped) {
-            let so_far = drawing.so_far();
+            let so_far = drawing.painting().so_far();
             if !so_far.rgb.is_empty() {
                 let is_stretched = (so_far.width, so_far.height) != wanted.size_px;
                 self.screen.iter_mut().for_each(|screen| screen.put(&so_far, is_stretched));

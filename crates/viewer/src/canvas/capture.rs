@@ -7,8 +7,7 @@ use super::{Canvas, Change, LOOK};
 use crate::marks::Over;
 use brickyard::session::{Frame, Painting, Session, SessionError};
 use brickyard::stats::RenderStats;
-use brickyard::volume::{Picture, PixelSamples, Scene};
-use eframe::egui;
+use brickyard::volume::{Picture, Scene};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
@@ -22,6 +21,8 @@ pub(super) struct Capture {
     over: Over,
     asked: Instant,
     made: Arc<Made>,
+    /// The final picture, drawn while the view changed.
+    drawn: Option<(Picture, Frame)>,
 }
 
 /// Draws the rest of a picture whose frame has all its bricks.
@@ -37,13 +38,10 @@ pub(super) fn go_on(
         if let Some(picture) = made.whole(samples) {
             return Ok(picture);
         }
-        let (at, tiles) = made.drawn();
+        let (_, tiles) = made.drawn();
         // Two eyes have two pictures.
         painting.go_on_with(scene.stereo.is_none().then_some(tiles));
-        let sample = samples.samples().nth(at).filter(|_| samples != PixelSamples::ONE);
-        let picture =
-            session.paint(&sample.map_or_else(|| frame.clone(), |sample| frame.of_sample(sample)), painting)?;
-        made.add(&picture);
+        made.add(&session.paint(&made.next(frame, samples), painting)?);
     }
 }
 
@@ -61,7 +59,7 @@ impl Canvas {
     /// Requests a picture of a scene; `None` is the shown size.
     pub(crate) fn capture(&mut self, scene: Scene, size_px: Option<(u32, u32)>, (path, over): (PathBuf, Over)) {
         let (asked, made) = (Instant::now(), Arc::default());
-        self.captures.push_back(Capture { scene, size_px, path, over, asked, made });
+        self.captures.push_back(Capture { scene, size_px, path, over, asked, made, drawn: None });
     }
 
     /// Whether a requested picture is still to come.
@@ -76,26 +74,26 @@ impl Canvas {
 
     /// Restarts all pictures after a change of volumes.
     pub(super) fn forget_captures(&mut self) {
-        self.captures.iter_mut().for_each(|capture| capture.made = Arc::default());
+        self.captures.iter_mut().for_each(|capture| (capture.made, capture.drawn) = (Arc::default(), None));
+    }
+
+    /// Keeps the final picture of the first request until it is asked for.
+    pub(super) fn keep_capture(&mut self, picture: Picture, frame: Frame) {
+        if let Some(capture) = self.captures.front_mut() {
+            capture.drawn = Some((picture, frame));
+        }
     }
 
     /// Continues the first requested picture while the view rests, and returns it once final.
     ///
     /// # Errors
     /// If it cannot be drawn; it is given up then, unless another device may draw it.
-    pub(crate) fn captured(
-        &mut self,
-        size_px: (u32, u32),
-        egui: &egui::Context,
-    ) -> Result<Option<Captured>, SessionError> {
+    pub(crate) fn captured(&mut self, size_px: (u32, u32)) -> Result<Option<Captured>, SessionError> {
         let Some(capture) = self.captures.front_mut().filter(|_| !self.gives_way) else { return Ok(None) };
         let size_px = *capture.size_px.get_or_insert(size_px);
         let scene = capture.scene.clone();
-        self.in_rows = None;
-        let drawn = match self.arrive() {
-            Ok(None) => self.go_on_with_capture(&scene, size_px, egui),
-            drawn => drawn,
-        };
+        self.parts.shown = None;
+        let drawn = self.arrive().and_then(|()| self.go_on_with_capture(&scene, size_px));
         // The session's slots belong to another picture now.
         self.shown.iter_mut().for_each(|shown| shown.samples_left = None);
         let is_over = match &drawn {
@@ -105,7 +103,7 @@ impl Canvas {
         let Some(Capture { scene, path, over, .. }) = self.captures.pop_front_if(|_| is_over) else {
             return drawn.map(|_| None);
         };
-        self.tell(Change::Play(self.playback));
+        self.tell(Change::Play(self.pace.playback));
         let Some((picture, frame)) = drawn? else { return Ok(None) };
         let mut stats = RenderStats::default();
         stats.record(&frame.status, self.memory_bytes().0);
@@ -116,13 +114,16 @@ impl Canvas {
         &mut self,
         scene: &Scene,
         size_px: (u32, u32),
-        egui: &egui::Context,
     ) -> Result<Option<(Picture, Frame)>, SessionError> {
-        let Some(made) = self.captures.front().map(|capture| capture.made.clone()) else { return Ok(None) };
-        if self.gpu.is_none() {
-            return self.capture_beside((scene.clone(), made), size_px, egui).map(|()| None);
+        let Some(capture) = self.captures.front_mut() else { return Ok(None) };
+        if let Some(drawn) = capture.drawn.take() {
+            return Ok(Some(drawn));
         }
-        match self.go_on_in_parts(egui)? {
+        let made = capture.made.clone();
+        if self.gpu.is_none() {
+            return self.capture_beside((scene.clone(), made), size_px).map(|()| None);
+        }
+        match self.go_on_in_parts()? {
             CapturePart::Step => self.step_to_capture((scene, made), size_px),
             CapturePart::Partly => Ok(None),
             CapturePart::Whole(picture, frame) => Ok(Some((picture, *frame))),
@@ -133,7 +134,7 @@ impl Canvas {
     pub(crate) fn capturing(&self) -> Option<(&Path, f64)> {
         let capture = self.captures.front().filter(|capture| capture.asked.elapsed() > LOOK)?;
         let (samples, tiles) = capture.made.drawn();
-        let of_sample = self.gpu_capture.as_ref().map(GpuCapture::share_of_sample);
+        let of_sample = self.parts.saved.as_ref().map(GpuCapture::share_of_sample);
         let of_sample = of_sample.unwrap_or_else(|| capture.size_px.map_or(0.0, |size_px| tiles.share(size_px)));
         Some((&capture.path, (samples as f64 + of_sample) / capture.scene.pixel_samples.count() as f64))
     }
@@ -141,7 +142,7 @@ impl Canvas {
     /// Gives up the first requested picture.
     pub(crate) fn give_up_capture(&mut self) -> Option<PathBuf> {
         let capture = self.captures.pop_front()?;
-        self.tell(Change::Play(self.playback));
+        self.tell(Change::Play(self.pace.playback));
         Some(capture.path)
     }
 }

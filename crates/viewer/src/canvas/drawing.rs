@@ -170,22 +170,9 @@ impl Drawing {
         self.since.elapsed()
     }
 
-    /// The drawn share of the picture.
-    pub(super) fn progress(&self) -> f64 {
-        self.stage.painting.progress()
-    }
-
-    pub(super) fn so_far(&self) -> Picture {
-        self.stage.painting.so_far()
-    }
-
-    /// Abandons the picture. The session stops within a streaming step, or milliseconds while drawing.
-    pub(super) fn abandon(&self) {
-        self.stage.painting.abandon();
-    }
-
-    pub(super) fn is_abandoned(&self) -> bool {
-        self.stage.painting.is_abandoned()
+    /// The picture so far. Once it is abandoned, the session stops within a streaming step, or milliseconds while drawing.
+    pub(super) fn painting(&self) -> &Painting {
+        &self.stage.painting
     }
 
     /// Waits for the session and takes it home. A panic of its thread continues here.
@@ -197,6 +184,6 @@ impl Drawing {
 
 impl Drop for Drawing {
     fn drop(&mut self) {
-        self.abandon();
+        self.painting().abandon();
     }
 }

@@ -34,6 +34,15 @@ impl Made {
         (parts.samples, parts.tiles.clone())
     }
 
+    /// The frame of the next sample.
+    pub(super) fn next(&self, frame: &Frame, samples: PixelSamples) -> Frame {
+        let done = self.lock().samples;
+        match samples.samples().nth(done) {
+            Some(sample) if samples != PixelSamples::ONE => frame.of_sample(sample),
+            _ => frame.clone(),
+        }
+    }
+
     pub(super) fn add(&self, picture: &Picture) {
         let mut sum = std::mem::take(&mut self.lock().sum);
         sum.add(picture);

@@ -4,6 +4,7 @@
 use super::made::Made;
 use super::picture::{Choice, Shown, Wanted};
 use super::row_drawing::{CapturePart, GpuCapture, RowDrawing};
+use super::row_pace::RowPace;
 use super::{Canvas, FrameTimes};
 use crate::canvas::drawing::Engine;
 use crate::device::Device;
@@ -11,11 +12,33 @@ use crate::screen::FORMAT;
 use brickyard::render::Target;
 use brickyard::session::{Drawn, Frame, SessionError};
 use brickyard::volume::{Picture, PixelSamples, Scene};
-use eframe::egui;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// A picture in progress, in parts.
+/// Pictures in progress, in parts.
+#[derive(Default)]
+pub(super) struct Parts {
+    /// The view's picture.
+    pub(super) shown: Option<InRows>,
+    /// The picture to be saved.
+    pub(super) saved: Option<GpuCapture>,
+    /// Share of an exact picture found fit for a part.
+    fitting: f64,
+}
+
+impl Parts {
+    /// Drops both pictures.
+    pub(super) fn give_up(&mut self) {
+        (self.shown, self.saved) = (None, None);
+    }
+
+    /// The pace of the view's picture, or else of the one to be saved.
+    pub(super) fn pace(&self) -> Option<&RowPace> {
+        self.shown.as_ref().map(InRows::pace).or(self.saved.as_ref().and_then(GpuCapture::pace))
+    }
+}
+
+/// The view's picture in progress, in parts.
 pub(super) enum InRows {
     /// The exact picture of a scene, and the time of its streaming step.
     Show { drawing: RowDrawing, shown: Box<Shown>, step: Duration },
@@ -24,9 +47,9 @@ pub(super) enum InRows {
 }
 
 impl InRows {
-    pub(super) fn drawing(&self) -> &RowDrawing {
+    pub(super) fn pace(&self) -> &RowPace {
         let (Self::Show { drawing, .. } | Self::Smooth(drawing)) = self;
-        drawing
+        &drawing.pace
     }
 }
 
@@ -35,7 +58,7 @@ impl Canvas {
     ///
     /// # Errors
     /// If it cannot be drawn. The texture stays as it is.
-    pub(super) fn show_on_gpu(&mut self, wanted: &Wanted, egui: &egui::Context) -> Result<(), SessionError> {
+    pub(super) fn show_on_gpu(&mut self, wanted: &Wanted) -> Result<(), SessionError> {
         let Some(engine) = &mut self.engine else { return Ok(()) };
         let Engine { session, control } = &mut **engine;
         let begun = Instant::now();
@@ -54,12 +77,12 @@ impl Canvas {
         let share = control.share();
         if !moved && !is_playing && share < 1.0 {
             let drawing = RowDrawing::new(shown.frame.clone(), share, self.between);
-            self.in_rows = Some(InRows::Show { drawing, shown: Box::new(shown), step });
+            self.parts.shown = Some(InRows::Show { drawing, shown: Box::new(shown), step });
             self.keep_pace();
-            return self.draw_rows(egui);
+            return self.draw_rows();
         }
         let begun = Instant::now();
-        let drawn = self.draw(&shown.quality.frame(&shown.frame), shown.size_px)?;
+        let drawn = self.draw(&shown.quality.frame(&shown.frame), shown.of.size_px)?;
         if let Some(engine) = &mut self.engine {
             engine.session.gpu_time().into_iter().for_each(|time| engine.control.took(time));
         }
@@ -88,24 +111,23 @@ impl Canvas {
     ///
     /// # Errors
     /// If the device fails. The texture stays as it is.
-    pub(super) fn draw_rows(&mut self, egui: &egui::Context) -> Result<(), SessionError> {
-        let (Some(mut in_rows), Some(engine), Some(device)) = (self.in_rows.take(), &mut self.engine, &self.gpu) else {
-            return Ok(());
-        };
+    pub(super) fn draw_rows(&mut self) -> Result<(), SessionError> {
+        let (Some(engine), Some(device)) = (&mut self.engine, &self.gpu) else { return Ok(()) };
+        let Some(mut in_rows) = self.parts.shown.take() else { return Ok(()) };
         let begun = Instant::now();
         let (InRows::Show { drawing, .. } | InRows::Smooth(drawing)) = &mut in_rows;
-        let frame = drawing.go_on(&mut engine.session, device, egui)?.cloned();
+        let frame = drawing.go_on(&mut engine.session, device)?.cloned();
         self.spent.draw += begun.elapsed();
         let Some(frame) = frame else {
-            self.in_rows = Some(in_rows);
+            self.parts.shown = Some(in_rows);
             return Ok(());
         };
-        self.fitting = drawing.fitting();
+        self.parts.fitting = drawing.pace.fitting();
         match in_rows {
             InRows::Smooth(_) => self.add_sample(&frame),
             InRows::Show { drawing, shown, step } => {
-                let drawn = self.draw(&frame, shown.size_px)?;
-                self.took(FrameTimes { step, beside: drawing.since(), ..FrameTimes::default() });
+                let drawn = self.draw(&frame, shown.of.size_px)?;
+                self.took(FrameTimes { step, beside: drawing.pace.since(), ..FrameTimes::default() });
                 self.drew(drawn, *shown);
                 Ok(())
             }
@@ -116,18 +138,19 @@ impl Canvas {
     ///
     /// # Errors
     /// If the device fails. The texture stays as it is.
-    pub(super) fn smooth_on_gpu(&mut self, frame: Frame, egui: &egui::Context) -> Result<(), SessionError> {
+    pub(super) fn smooth_on_gpu(&mut self, frame: Frame) -> Result<(), SessionError> {
         if self.engine.as_ref().is_some_and(|engine| engine.control.share() < 1.0) {
-            self.in_rows = Some(InRows::Smooth(RowDrawing::new(frame, self.fitting, self.between)));
-            return self.draw_rows(egui);
+            self.parts.shown = Some(InRows::Smooth(RowDrawing::new(frame, self.parts.fitting, self.between)));
+            return self.draw_rows();
         }
         self.add_sample(&frame)
     }
 
     /// Draws a sample, if still to be drawn, and adds it to those before.
     fn add_sample(&mut self, frame: &Frame) -> Result<(), SessionError> {
-        let Some(Shown { scene, size_px, samples_left: Some(left), .. }) = &self.shown else { return Ok(()) };
-        let (samples, size_px, is_first) = (scene.pixel_samples, *size_px, *left == scene.pixel_samples.count());
+        let Some(Shown { of, samples_left: Some(left), .. }) = &self.shown else { return Ok(()) };
+        let (samples, size_px) = (of.scene.pixel_samples, of.size_px);
+        let is_first = *left == samples.count();
         let Some(Device { state, .. }) = self.gpu.clone() else { return Ok(()) };
         let (Some(engine), Some(screen)) = (&mut self.engine, &mut self.screen) else { return Ok(()) };
         let begun = Instant::now();
@@ -139,11 +162,8 @@ impl Canvas {
         }
         state.queue.submit([encoder.finish()]);
         self.spent.draw += begun.elapsed();
-        if let Some(Shown { samples_left: Some(left), .. }) = self.shown.as_mut().filter(|_| is_drawn) {
-            *left -= 1;
-            if *left == 0 {
-                screen.show_mean();
-            }
+        if is_drawn {
+            self.count_sample();
         }
         Ok(())
     }
@@ -152,14 +172,12 @@ impl Canvas {
     ///
     /// # Errors
     /// If it cannot be drawn.
-    pub(super) fn go_on_in_parts(&mut self, egui: &egui::Context) -> Result<CapturePart, SessionError> {
-        let (Some(mut capture), Some(engine), Some(device)) = (self.gpu_capture.take(), &mut self.engine, &self.gpu)
-        else {
-            return Ok(CapturePart::Step);
-        };
-        let part = capture.go_on(&mut engine.session, device, egui)?;
+    pub(super) fn go_on_in_parts(&mut self) -> Result<CapturePart, SessionError> {
+        let (Some(engine), Some(device)) = (&mut self.engine, &self.gpu) else { return Ok(CapturePart::Step) };
+        let Some(mut capture) = self.parts.saved.take() else { return Ok(CapturePart::Step) };
+        let part = capture.go_on(&mut engine.session, device)?;
         if matches!(part, CapturePart::Partly) {
-            self.gpu_capture = Some(capture);
+            self.parts.saved = Some(capture);
         }
         Ok(part)
     }
@@ -184,9 +202,9 @@ impl Canvas {
         let samples = scene.pixel_samples;
         if scene.stereo.is_none() {
             let pixels = |(width, height): (u32, u32)| f64::from(width) * f64::from(height);
-            let shown = self.shown.as_ref().map_or(size_px, |shown| shown.size_px);
-            let share = self.fitting * (pixels(shown) / pixels(size_px)).min(1.0);
-            self.gpu_capture = Some(GpuCapture::new(frame, (samples, made), share, self.between));
+            let shown = self.shown.as_ref().map_or(size_px, |shown| shown.of.size_px);
+            let share = self.parts.fitting * (pixels(shown) / pixels(size_px)).min(1.0);
+            self.parts.saved = Some(GpuCapture::new(frame, (samples, made), share, self.between));
             return Ok(None);
         }
         let picture = match samples {

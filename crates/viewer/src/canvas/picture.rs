@@ -31,12 +31,10 @@ impl Wanted {
 /// A picture on display, or about to be.
 #[derive(Clone)]
 pub(super) struct Shown {
-    pub(super) scene: Scene,
-    pub(super) size_px: (u32, u32),
+    /// The requested picture.
+    pub(super) of: Wanted,
     pub(super) frame: Frame,
     pub(super) quality: Quality,
-    /// Number of scene changes when it was requested.
-    pub(super) change: u64,
     /// Samples per pixel still to be drawn; 0 if the picture is complete. `None` until it has all bricks and every pixel.
     pub(super) samples_left: Option<usize>,
 }
@@ -44,7 +42,7 @@ pub(super) struct Shown {
 impl Shown {
     /// Whether it is the wanted picture, perhaps coarser.
     pub(super) fn is_of(&self, wanted: &Wanted) -> bool {
-        self.scene == wanted.scene && self.size_px == wanted.size_px
+        self.of.is_as(wanted)
     }
 
     /// Whether a frame of the wanted picture would look no better during playback, until the next step is due.
@@ -79,7 +77,6 @@ impl Choice<'_> {
             _ => self.control.next(Change { moved, refined: true }).unwrap_or(Quality::EXACT),
         };
         let quality = if self.is_adaptive { quality.with_coarse_bricks(frame.level_bias) } else { Quality::EXACT };
-        let Wanted { scene, size_px, change, .. } = wanted;
-        (Shown { scene, size_px, frame, quality, change, samples_left: None }, moved)
+        (Shown { of: wanted, frame, quality, samples_left: None }, moved)
     }
 }

@@ -6,14 +6,13 @@ use super::row_pace::RowPace;
 use crate::device::Device;
 use brickyard::session::{Drawn, Frame, Session, SessionError};
 use brickyard::volume::{Picture, PixelSamples};
-use eframe::egui::Context;
 use std::sync::Arc;
 use std::time::Duration;
 
 /// A frame drawn in parts. Its session may take no other step meanwhile.
 pub(super) struct RowDrawing {
     frame: Frame,
-    pace: RowPace,
+    pub(super) pace: RowPace,
 }
 
 impl RowDrawing {
@@ -28,38 +27,13 @@ impl RowDrawing {
     ///
     /// # Errors
     /// As [`Session::draw_rows`].
-    pub(super) fn go_on(
-        &mut self,
-        session: &mut Session,
-        device: &Device,
-        egui: &Context,
-    ) -> Result<Option<&Frame>, SessionError> {
+    pub(super) fn go_on(&mut self, session: &mut Session, device: &Device) -> Result<Option<&Frame>, SessionError> {
         if let Some(rows) = self.pace.next()
             && session.draw_rows(&self.frame, rows.clone())? != Drawn::Nothing
         {
-            self.pace.submitted(&rows, (&device.state.device, &device.state.queue), egui);
+            self.pace.submitted(&rows, device);
         }
-        Ok((self.share() >= 1.0).then_some(&self.frame))
-    }
-
-    /// The submitted share of the frame.
-    pub(super) fn share(&self) -> f64 {
-        self.pace.share()
-    }
-
-    /// Share of the frame found fit for one part.
-    pub(super) fn fitting(&self) -> f64 {
-        self.pace.fitting()
-    }
-
-    /// Whether a part is under way; the window is repainted after it.
-    pub(super) fn is_under_way(&self) -> bool {
-        self.pace.is_under_way()
-    }
-
-    /// Time since the start.
-    pub(super) fn since(&self) -> Duration {
-        self.pace.since()
+        Ok((self.pace.share() >= 1.0).then_some(&self.frame))
     }
 }
 
@@ -96,11 +70,9 @@ impl GpuCapture {
     }
 
     fn begin_sample(&mut self) {
-        let (done, _) = self.made.drawn();
-        let sample = self.samples.samples().nth(done).filter(|_| self.frame.status.settled);
-        let frame = match sample.filter(|_| self.samples != PixelSamples::ONE) {
-            Some(sample) => self.frame.of_sample(sample),
-            None => self.frame.clone(),
+        let frame = match self.frame.status.settled {
+            true => self.made.next(&self.frame, self.samples),
+            false => self.frame.clone(),
         };
         self.drawing = Some(RowDrawing::new(frame, self.fitting, self.between));
     }
@@ -109,21 +81,16 @@ impl GpuCapture {
     ///
     /// # Errors
     /// As [`Session::draw_rows`].
-    pub(super) fn go_on(
-        &mut self,
-        session: &mut Session,
-        device: &Device,
-        egui: &Context,
-    ) -> Result<CapturePart, SessionError> {
+    pub(super) fn go_on(&mut self, session: &mut Session, device: &Device) -> Result<CapturePart, SessionError> {
         if let Some(drawing) = &mut self.drawing {
-            if drawing.go_on(session, device, egui)?.is_none() {
+            if drawing.go_on(session, device)?.is_none() {
                 return Ok(CapturePart::Partly);
             }
             if !self.frame.status.settled {
                 return Ok(CapturePart::Step);
             }
             if session.read_back()? {
-                self.fitting = drawing.fitting();
+                self.fitting = drawing.pace.fitting();
                 self.drawing = None;
             }
             return Ok(CapturePart::Partly);
@@ -137,12 +104,13 @@ impl GpuCapture {
         Ok(CapturePart::Partly)
     }
 
-    pub(super) fn drawing(&self) -> Option<&RowDrawing> {
-        self.drawing.as_ref()
+    /// The pace of the sample; `None` while it is on its way to the CPU.
+    pub(super) fn pace(&self) -> Option<&RowPace> {
+        self.drawing.as_ref().map(|drawing| &drawing.pace)
     }
 
     /// The drawn share of the sample.
     pub(super) fn share_of_sample(&self) -> f64 {
-        self.drawing.as_ref().map_or(1.0, RowDrawing::share)
+        self.pace().map_or(1.0, RowPace::share)
     }
 }

@@ -1,8 +1,8 @@
 //! Pace of a picture drawn by a GPU some rows at a time. Each part lasts a few frames of the window, whose own work queues behind it. The next
 //! part follows with as many rows as would have fitted. Costs a frame of the window and a thread per part.
 
-use brickyard::render::wgpu::{self, PollType};
-use eframe::egui::Context;
+use crate::device::Device;
+use brickyard::render::wgpu::PollType;
 use std::ops::Range;
 use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
@@ -61,18 +61,13 @@ impl RowPace {
     }
 
     /// Records submitted rows. The window is repainted when they are drawn.
-    pub(super) fn submitted(
-        &mut self,
-        rows: &Range<u32>,
-        (device, queue): (&wgpu::Device, &wgpu::Queue),
-        egui: &Context,
-    ) {
+    pub(super) fn submitted(&mut self, rows: &Range<u32>, device: &Device) {
         let done = Arc::<OnceLock<Instant>>::default();
         let told = done.clone();
-        queue.on_submitted_work_done(move || {
+        device.state.queue.on_submitted_work_done(move || {
             let _ = told.set(Instant::now());
         });
-        let (watched, device, egui) = (done.clone(), device.clone(), egui.clone());
+        let (watched, device, egui) = (done.clone(), device.state.device.clone(), device.egui.clone());
         let watch = move || {
             // The device calls back only when polled. The pace holds a reference besides this thread's and the callback's while it waits.
             let is_awaited = || watched.get().is_none() && Arc::strong_count(&watched) > 2;
@@ -87,6 +82,7 @@ impl RowPace {
         self.next = rows.end;
     }
 
+    /// Whether a part is under way; the window is repainted after it.
     pub(super) fn is_under_way(&self) -> bool {
         self.under_way.as_ref().is_some_and(|part| part.done.get().is_none())
     }
@@ -96,6 +92,7 @@ impl RowPace {
         f64::from(self.rows) / f64::from(self.height.max(1))
     }
 
+    /// Time since the start.
     pub(super) fn since(&self) -> Duration {
         self.begun.elapsed()
     }

@@ -26,10 +26,8 @@ pub(crate) fn show(lens: &Lens, scene: &Scene, volumes: &[VolumeSource], lists: 
     let Ok(placement) = scene.placement(0, &volume.place()) else { return };
     let world = |voxel: DVec3| placement.world_from_volume(volume.source.geometry().world_from_voxel(voxel));
     for cell in list.cells.iter().take(MOST) {
-        let [low, high] = [cell.region.min, cell.region.max].map(|corner| {
-            let [x, y, z] = corner.to_array().map(f64::from);
-            DVec3::new(x, y, z)
-        });
+        let corners = [cell.region.min, cell.region.max];
+        let [low, high] = corners.map(|corner| DVec3::from_array(corner.to_array().map(f64::from)));
         let stroke = Stroke::new(1.0, level_color(cell.brick.level.0).gamma_multiply(0.6));
         for [from, to] in edges((low, high)) {
             lens.line(world(from), world(to), stroke);

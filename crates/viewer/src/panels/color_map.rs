@@ -4,8 +4,8 @@
 use crate::panels::widgets::color32;
 use brickyard::volume::{TransferChoice, TransferFunction};
 use eframe::egui::{
-    Align2, Color32, FontSelection, Mesh, Popup, Rect, Response, Role, Sense, Shape, StrokeKind, Ui, WidgetInfo, pos2,
-    vec2,
+    Align2, Color32, FontSelection, Mesh, Popup, Pos2, Rect, Response, Role, Sense, Shape, StrokeKind, Ui, WidgetInfo,
+    pos2, vec2,
 };
 
 const COLUMNS: u32 = 64;
@@ -30,21 +30,29 @@ const HINTS: [(&str, &str); 14] = [
 
 /// Fills an area from left to right; `color` takes the share of the width.
 pub(crate) fn strip(ui: &Ui, area: Rect, color: impl Fn(f64) -> Color32) {
-    let mut mesh = Mesh::default();
-    for column in 0..=COLUMNS {
+    let columns = (0..=COLUMNS).map(|column| {
         let share = f64::from(column) / f64::from(COLUMNS);
-        let (x, color) = (area.left() + area.width() * share as f32, color(share));
-        mesh.colored_vertex(pos2(x, area.top()), color);
-        mesh.colored_vertex(pos2(x, area.bottom()), color);
-        if column > 0 {
-            let first = 2 * (column - 1);
+        let x = area.left() + area.width() * share as f32;
+        ([pos2(x, area.top()), pos2(x, area.bottom())], color(share))
+    });
+    let painter = ui.painter_at(area.expand(1.0));
+    painter.add(ribbon(columns));
+    painter.rect_stroke(area, 0.0, ui.visuals().widgets.noninteractive.bg_stroke, StrokeKind::Outside);
+}
+
+/// A shape from column to column, each of an upper and a lower end and a colour.
+pub(crate) fn ribbon(columns: impl Iterator<Item = ([Pos2; 2], Color32)>) -> Shape {
+    let mut mesh = Mesh::default();
+    for ([top, bottom], color) in columns {
+        let next = mesh.vertices.len() as u32;
+        mesh.colored_vertex(top, color);
+        mesh.colored_vertex(bottom, color);
+        if let Some(first) = next.checked_sub(2) {
             mesh.add_triangle(first, first + 1, first + 2);
             mesh.add_triangle(first + 1, first + 2, first + 3);
         }
     }
-    let painter = ui.painter_at(area.expand(1.0));
-    painter.add(Shape::mesh(mesh));
-    painter.rect_stroke(area, 0.0, ui.visuals().widgets.noninteractive.bg_stroke, StrokeKind::Outside);
+    Shape::mesh(mesh)
 }
 
 /// The colours of a function from its first point to its last.

@@ -1,7 +1,7 @@
 //! A user's description of a file, for metadata it lacks: everything for a raw file, the order of axes for an array, the voxel size and whether
 //! voxels are labels for any file. A form of the file dialogs edits it, and a command carries it.
 
-use crate::panels::widgets::{menu, row};
+use crate::panels::widgets::{choice, menu, row};
 use brickyard::import::{AxisOrder, Endian, OpenOptions};
 use brickyard::opening::OpeningOptions;
 use brickyard::store::Kind;
@@ -21,41 +21,26 @@ const MOST_VOXELS: u64 = 4096;
 #[serde(default, deny_unknown_fields)]
 pub(crate) struct Description {
     /// Voxels along x, y and z; a file with these is read as raw. 0 is unset.
-    #[serde(skip_serializing_if = "is_default")]
     shape: [u32; 3],
     /// The type of a raw file's voxels.
-    #[serde(skip_serializing_if = "Option::is_none")]
     voxel_type: Option<VoxelType>,
     /// Whether a raw file has the most significant byte first.
-    #[serde(skip_serializing_if = "is_default")]
     big_endian: bool,
     /// Bytes before the first voxel of a raw file.
-    #[serde(skip_serializing_if = "is_default")]
     offset: u64,
     /// Letters of the axes, slowest first; empty for the file's own or the usual ones.
-    #[serde(skip_serializing_if = "is_default")]
     axes: String,
     /// Time steps of a raw file; 0 is one.
-    #[serde(skip_serializing_if = "is_default")]
     times: u32,
     /// Channels of a raw file; 0 is one.
-    #[serde(skip_serializing_if = "is_default")]
     channels: u32,
     /// The distance between centres of voxels.
-    #[serde(skip_serializing_if = "Option::is_none")]
     spacing: Option<DVec3>,
     /// Its unit; empty is the file's own.
-    #[serde(skip_serializing_if = "is_default")]
     unit: String,
-    #[serde(skip_serializing_if = "is_default")]
     labels: bool,
     /// Whether numbers without an exact voxel value may be rounded.
-    #[serde(skip_serializing_if = "is_default")]
     allow_lossy: bool,
-}
-
-fn is_default<T: Default + PartialEq>(value: &T) -> bool {
-    *value == T::default()
 }
 
 /// Units of length, and their names in files.
@@ -145,9 +130,7 @@ impl Description {
         });
         let types = VoxelType::ALL.map(|voxel_type| (Some(voxel_type), voxel_type.name(), ""));
         let choices = [&[(None, "not said", "")], &types[..]].concat();
-        if let Some(chosen) = menu(ui, "type", "the type of a voxel", (self.voxel_type, &choices), |_| None) {
-            self.voxel_type = chosen;
-        }
+        choice(ui, "type", "the type of a voxel", &mut self.voxel_type, &choices);
         row(ui, "bytes", "layout of the file", |ui, label| {
             ui.add(DragValue::new(&mut self.offset).suffix(" before the voxels")).labelled_by(label);
             ui.checkbox(&mut self.big_endian, "big-endian");

@@ -23,7 +23,7 @@ pub(crate) fn show(ui: &mut Ui, views: &Views, window: &WindowState) {
 
 /// Shows the last frames' times, and their percentiles.
 fn frames(ui: &mut Ui, canvas: &Canvas) {
-    let times = canvas.times();
+    let times = &canvas.times;
     let (area, _) = ui.allocate_exact_size(vec2(ui.available_width(), PLOT.0), Sense::hover());
     let painter = ui.painter_at(area);
     painter.rect_filled(area, 2.0, ui.visuals().extreme_bg_color);

@@ -24,10 +24,8 @@ const FILE_HINT: &str = "a name without a folder is in the folder where the wind
 /// A dialog's purpose.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum DialogKind {
-    /// Volumes to show instead of others.
-    Open,
-    /// Volumes and meshes to show beside others.
-    Add,
+    /// Volumes to show instead of others, or volumes and meshes beside them.
+    Open(Placing),
     /// The description of a file that did not open without one.
     Describe(Placing),
     SavePicture,
@@ -53,7 +51,7 @@ impl Dialog {
     /// Creates a dialog about files of a folder, and a picture of this shown size and marks.
     pub(crate) fn new(kind: DialogKind, folder: &Path, shown_px: (u32, u32), marks: Marks) -> Self {
         let path = match kind {
-            DialogKind::Open | DialogKind::Add | DialogKind::Describe(_) => "",
+            DialogKind::Open(_) | DialogKind::Describe(_) => "",
             DialogKind::SavePicture => PICTURE_FILE,
             DialogKind::SaveScene => SCENE_FILE,
             DialogKind::Export => VOXELS_FILE,
@@ -76,7 +74,7 @@ impl Dialog {
 
     /// Whether the dialog is about files to open, and ends once some are.
     pub(crate) fn is_about_opening(&self) -> bool {
-        matches!(self.kind, DialogKind::Open | DialogKind::Add)
+        matches!(self.kind, DialogKind::Open(_))
     }
 
     /// Shows the dialog over a window. Returns whether it stays, and its command.
@@ -87,8 +85,8 @@ impl Dialog {
         (scene, volumes): (&Scene, &[VolumeSource]),
     ) -> (bool, Option<Command>) {
         let title = match self.kind {
-            DialogKind::Open => "Open",
-            DialogKind::Add => "Add",
+            DialogKind::Open(Placing::Instead) => "Open",
+            DialogKind::Open(Placing::Beside) => "Add",
             DialogKind::Describe(_) => "Describe this file",
             DialogKind::SavePicture => "Save picture",
             DialogKind::SaveScene => "Save scene",
@@ -100,8 +98,7 @@ impl Dialog {
         let window = egui::Window::new(title).open(&mut is_open).collapsible(false);
         let window = window.default_pos(corner).default_width(460.0);
         let shown = window.show(egui, |ui| match self.kind {
-            DialogKind::Open => self.choose(ui, Placing::Instead),
-            DialogKind::Add => self.choose(ui, Placing::Beside),
+            DialogKind::Open(placing) => self.choose(ui, placing),
             DialogKind::Describe(placing) => self.describe(ui, placing),
             DialogKind::SavePicture => {
                 let places: Vec<_> = volumes.iter().map(VolumeSource::place).collect();
@@ -121,10 +118,9 @@ impl Dialog {
         let hint = "voxel size, labels, the axes of an array, the shape of a raw file";
         group(ui, "missing from the file", hint, |ui| self.description.show(ui, None));
         let path = path?;
-        Some(match (self.description == Description::default(), placing) {
-            (true, Placing::Instead) => Command::Open(vec![path]),
-            (true, Placing::Beside) => Command::Add(vec![path]),
-            (false, _) => Command::OpenAs(path, self.description.clone(), placing),
+        Some(match self.description == Description::default() {
+            true => Command::Open(vec![path], placing),
+            false => Command::OpenAs(path, self.description.clone(), placing),
         })
     }
 

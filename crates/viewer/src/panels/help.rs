@@ -1,7 +1,7 @@
 //! The help on keys and pointer.
 
 use crate::keys;
-use eframe::egui::{Grid, Rect, ScrollArea, Ui, Window, vec2};
+use eframe::egui::{Grid, Rect, ScrollArea, Ui, WidgetText, Window, vec2};
 
 /// Space around the window, in points: its edges can be grasped slightly outside, too.
 const MARGIN: f32 = 8.0;
@@ -40,18 +40,15 @@ pub(crate) fn show(ui: &Ui, is_open: &mut bool, below_menu: Rect) {
 
 fn words(ui: &mut Ui) {
     ScrollArea::both().show(ui, |ui| {
-        table(ui, "Pointer", POINTER.map(|(gesture, effect)| (gesture.to_string(), effect.to_string())).into());
-        table(
-            ui,
-            "Pointer over a slice",
-            PLANES.map(|(gesture, effect)| (gesture.to_string(), effect.to_string())).into(),
-        );
-        let keys = keys::all().into_iter().map(|shortcut| (ui.ctx().format_shortcut(&shortcut.keys), shortcut.effect));
-        table(ui, "Keys", keys.collect());
+        table(ui, "Pointer", POINTER);
+        table(ui, "Pointer over a slice", PLANES);
+        let egui = ui.ctx().clone();
+        let keys = keys::all().into_iter().map(|shortcut| (egui.format_shortcut(&shortcut.keys), shortcut.effect));
+        table(ui, "Keys", keys);
     });
 }
 
-fn table(ui: &mut Ui, title: &str, rows: Vec<(String, String)>) {
+fn table<T: Into<WidgetText>>(ui: &mut Ui, title: &str, rows: impl IntoIterator<Item = (T, T)>) {
     ui.strong(title);
     Grid::new(title).num_columns(2).striped(true).show(ui, |ui| {
         for (cause, effect) in rows {

@@ -16,10 +16,6 @@ use eframe::egui::{
     Align, Button, Id, Label, Layout, Rect, Response, RichText, Role, Sense, Shape, Stroke, Ui, WidgetInfo, pos2, vec2,
 };
 
-/// The unfolded layers.
-#[derive(Clone, Default)]
-struct Open(Vec<bool>);
-
 /// An action on a whole layer.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Change {
@@ -39,22 +35,23 @@ pub(crate) fn show(
     saved: &mut Vec<SavedFunction>,
 ) {
     let key = Id::unique("open layers");
-    let mut open: Open = ui.data(|data| data.get_temp(key)).unwrap_or_default();
+    // Whether each layer is unfolded.
+    let mut open: Vec<bool> = ui.data(|data| data.get_temp(key)).unwrap_or_default();
     // A single layer is open from the start.
-    open.0.resize(scene.layers.len(), scene.layers.len() == 1);
+    open.resize(scene.layers.len(), scene.layers.len() == 1);
     let mut change = None;
     for layer in 0..scene.layers.len() {
         ui.push_id(layer, |ui| {
-            let asked = line(ui, scene, volumes, layer, &mut open.0[layer]);
+            let asked = line(ui, scene, volumes, layer, &mut open[layer]);
             change = change.or(asked.map(|asked| (layer, asked)));
-            if open.0[layer] {
+            if open[layer] {
                 body(ui, scene, volumes, (layer, picked), saved);
                 ui.separator();
             }
         });
     }
     if let Some((layer, change)) = change {
-        rearrange(scene, layer, change, &mut open.0);
+        rearrange(scene, layer, change, &mut open);
     }
     ui.data_mut(|data| data.insert_temp(key, open));
 }

@@ -1,6 +1,6 @@
 //! The menu: files, edits, and the look of the window.
 
-use crate::command::{Command, PictureForm};
+use crate::command::{Command, PictureForm, Placing};
 use crate::keys::{self, PICTURE_FILE, SCENE_FILE};
 use crate::panels::dialogs::DialogKind;
 use crate::state::{Budgets, Layout, PlaneFilter, State, Theme, Tool};
@@ -20,9 +20,12 @@ pub(crate) struct Subject<'a> {
     pub(crate) wanted: &'a mut Option<DialogKind>,
 }
 
-/// An entry with its shortcut key.
-fn entry<'a>(ui: &Ui, text: impl Into<String>, effect: &str) -> Button<'a> {
-    Button::new(text.into()).shortcut_text(keys::shown(ui.ctx(), effect))
+/// Shows an entry with its shortcut key, and takes its command.
+fn entry(ui: &mut Ui, can: bool, (text, effect): (&str, &str), command: Command, commands: &mut Vec<Command>) {
+    let entry = Button::new(text).shortcut_text(keys::shown(ui.ctx(), effect));
+    if ui.add_enabled(can, entry).clicked() {
+        commands.push(command);
+    }
 }
 
 /// The name of a switch with its key.
@@ -35,14 +38,8 @@ pub(crate) fn show(ui: &mut Ui, state: &mut State, subject: Subject<'_>, command
     MenuBar::new().ui(ui, |ui| {
         ui.menu_button("File", |ui| files(ui, subject, commands));
         ui.menu_button("Edit", |ui| {
-            for (text, effect, can, command) in
-                [("Undo", "undo", can_undo, Command::Undo), ("Redo", "redo", can_redo, Command::Redo)]
-            {
-                let entry = entry(ui, text, effect);
-                if ui.add_enabled(can, entry).clicked() {
-                    commands.push(command);
-                }
-            }
+            entry(ui, can_undo, ("Undo", "undo"), Command::Undo, commands);
+            entry(ui, can_redo, ("Redo", "redo"), Command::Redo, commands);
             if ui.add_enabled(!state.window.distances.is_empty(), Button::new("Remove distances")).clicked() {
                 state.window.distances.clear();
             }
@@ -50,23 +47,13 @@ pub(crate) fn show(ui: &mut Ui, state: &mut State, subject: Subject<'_>, command
         ui.menu_button("View", |ui| view(ui, state, is_patient));
         ui.menu_button("Window", |ui| window(ui, state, budgets));
         ui.separator();
-        for (tool, name, effect) in [
-            (Tool::Turn, "turn", "dragging turns the view around the point under the pointer".into()),
-            (
-                Tool::Fly,
-                "fly",
-                switch(
-                    ui,
-                    "W A S D, E and Q move the eye, dragging looks around",
-                    "fly: W A S D, E and Q, drag to look around",
-                ),
-            ),
-            (
-                Tool::Distance,
-                "measure",
-                switch(ui, "two clicks measure a distance", "measure a distance by two clicks"),
-            ),
-        ] {
+        let turn = "dragging turns the view around the point under the pointer".into();
+        let fly = "W A S D, E and Q move the eye, dragging looks around";
+        let fly = switch(ui, fly, "fly: W A S D, E and Q, drag to look around");
+        let measure = switch(ui, "two clicks measure a distance", "measure a distance by two clicks");
+        for (tool, name, effect) in
+            [(Tool::Turn, "turn", turn), (Tool::Fly, "fly", fly), (Tool::Distance, "measure", measure)]
+        {
             ui.selectable_value(&mut state.window.tool, tool, name).on_hover_text(effect);
         }
         ui.separator();
@@ -78,31 +65,28 @@ pub(crate) fn show(ui: &mut Ui, state: &mut State, subject: Subject<'_>, command
 fn files(ui: &mut Ui, subject: Subject<'_>, commands: &mut Vec<Command>) {
     let Subject { recent, has_volumes, wanted, .. } = subject;
     if ui.button("Open...").clicked() {
-        *wanted = Some(DialogKind::Open);
+        *wanted = Some(DialogKind::Open(Placing::Instead));
     }
     let hint = "volumes and meshes, in addition to the present ones; dropping files with Shift held adds them, too";
     if ui.add_enabled(has_volumes, Button::new("Add...")).on_hover_text(hint).clicked() {
-        *wanted = Some(DialogKind::Add);
+        *wanted = Some(DialogKind::Open(Placing::Beside));
     }
     ui.menu_button("Open again", |ui| {
         for path in recent {
             // A missing path is greyed out: its disk may come back.
             let button = Button::new(path.display().to_string());
             if ui.add_enabled(path.exists(), button).clicked() {
-                commands.push(Command::Open(vec![path.clone()]));
+                commands.push(Command::Open(vec![path.clone()], Placing::Instead));
             }
         }
     });
     ui.separator();
     ui.add_enabled_ui(has_volumes, |ui| {
-        let picture = entry(ui, format!("Save picture ({PICTURE_FILE})"), "save the picture");
-        if ui.add(picture).clicked() {
-            commands.push(Command::SavePicture(PICTURE_FILE.into(), PictureForm::default()));
-        }
-        let scene = entry(ui, format!("Save scene ({SCENE_FILE})"), "save the scene");
-        if ui.add(scene).clicked() {
-            commands.push(Command::SaveScene(SCENE_FILE.into()));
-        }
+        let picture = format!("Save picture ({PICTURE_FILE})");
+        let save_picture = Command::SavePicture(PICTURE_FILE.into(), PictureForm::default());
+        entry(ui, true, (&picture, "save the picture"), save_picture, commands);
+        let scene = format!("Save scene ({SCENE_FILE})");
+        entry(ui, true, (&scene, "save the scene"), Command::SaveScene(SCENE_FILE.into()), commands);
         for (text, kind) in [
             ("Save picture...", DialogKind::SavePicture),
             ("Save scene as...", DialogKind::SaveScene),
@@ -114,10 +98,7 @@ fn files(ui: &mut Ui, subject: Subject<'_>, commands: &mut Vec<Command>) {
         }
     });
     ui.separator();
-    let quit = entry(ui, "Quit", "quit");
-    if ui.add(quit).clicked() {
-        commands.push(Command::Quit);
-    }
+    entry(ui, true, ("Quit", "quit"), Command::Quit, commands);
 }
 
 fn view(ui: &mut Ui, state: &mut State, is_patient: bool) {
@@ -211,7 +192,7 @@ mod tests {
     fn every_entry_does_what_it_says() {
         assert_eq!(clicked(&["Edit", "Undo"]).1, [Command::Undo]);
         assert_eq!(clicked(&["File", "Quit"]).1, [Command::Quit]);
-        assert_eq!(clicked(&["File", "Open again", "/"]).1, [Command::Open(vec!["/".into()])]);
+        assert_eq!(clicked(&["File", "Open again", "/"]).1, [Command::Open(vec!["/".into()], Placing::Instead)]);
         assert_eq!(clicked(&["File", "Open again", "/no/such.zarr"]).1, []);
         let (state, commands) = clicked(&["View", "three slices beside it"]);
         assert_eq!((state.window.layout, commands), (Layout::Planes, Vec::new()));

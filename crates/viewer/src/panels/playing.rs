@@ -1,10 +1,11 @@
 //! The row of time steps below the pictures: play or stop, the bar of steps with the current and the ready ones, and the playback settings. The curve
 //! of a voxel's values lies over the bar, if requested.
 
-use crate::panels::widgets::{Choices, log_slider, switch};
-use crate::play::{Ending, Play, Policy, RATES};
+use crate::panels::widgets::{Choices, Scale, slider, switch};
+use crate::play::{Play, RATES};
 use crate::value_curve::ValueCurve;
 use brickyard::curve::LINE_COLORS;
+use brickyard::pager::{Ending, Policy};
 use brickyard::session::ComingStep;
 use brickyard::volume::Timeline;
 use brickyard::volume::numbers::within_span;
@@ -71,7 +72,7 @@ pub(crate) fn show(ui: &mut Ui, (time, play): (&mut u32, &mut Play), steps: &Ste
 
 fn how(ui: &mut Ui, play: &mut Play) {
     ui.set_width(240.0);
-    log_slider(ui, "rate", "time steps a second", &mut play.steps_per_second, (RATES, "/s"));
+    slider(ui, "rate", "time steps a second", &mut play.steps_per_second, (Scale::Log, RATES, "/s"));
     switch(ui, "backward", "from later steps to earlier ones", &mut play.backward);
     ui.separator();
     for (ending, name, hint) in ENDINGS {

@@ -1,7 +1,7 @@
 //! The window of the three slices: their black and white values, independent of the layer's look in the volume's picture.
 
 use crate::panels::layers::style::shown;
-use crate::panels::widgets::{group, number, row};
+use crate::panels::widgets::{self, group, row};
 use crate::planes::first_shown;
 use crate::state::{Layout, Planes, WindowState};
 use brickyard::session::VolumeSource;
@@ -43,17 +43,7 @@ fn window_of(ui: &mut Ui, planes: &mut Planes, scene: &Scene, volumes: &[VolumeS
     let [low, high] = window;
     let hint = "the values of black and white in the slices, of the first visible layer; or drag in a slice with the \
                 right button";
-    let typed = row(ui, "window", hint, |ui, label| {
-        let width = 0.5 * (ui.available_width() - ui.spacing().item_spacing.x);
-        let (mut typed, any) = (window, f64::NEG_INFINITY..=f64::INFINITY);
-        for value in &mut typed {
-            number(ui, value, any.clone(), high - low, (width, "")).labelled_by(label).on_hover_text(hint);
-        }
-        typed
-    });
-    if typed != window && typed[0] < typed[1] {
-        planes.window = Some(typed);
-    }
+    planes.window = widgets::window(ui, hint, window, high - low, (hint, hint)).or(planes.window);
     row(ui, "", "", |ui, _| {
         ui.horizontal_wrapped(|ui| {
             ui.spacing_mut().item_spacing.x = 4.0;

@@ -1,6 +1,7 @@
 //! The line below the picture: its progress, its memory, and the last problem.
 
 use crate::canvas::Canvas;
+use crate::messages::Messages;
 use crate::panels::widgets::problem_color;
 use crate::read_out::ReadOut;
 use crate::views::Views;
@@ -25,68 +26,55 @@ const LOST: &str = "This projection is drawn at a coarse level, whose voxels lac
 const PAST_CUTS: &str = "This projection is drawn at a coarse level. Its voxels at a cut hold the extremes of both \
                          sides: values up to one voxel behind the cut may show. Level 0 (sampling: level) cuts exactly.";
 
-/// The texts on the line's left.
-#[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Said<'a> {
-    pub(crate) problem: Option<&'a str>,
-    pub(crate) note: Option<&'a str>,
-    pub(crate) picked: Option<&'a ReadOut>,
-}
-
-/// The outcome of showing a problem in the line.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Outcome {
-    /// It is shown, if there is one.
-    Said,
-    /// It is too long, and has to be shown elsewhere.
-    TooLong,
-    /// The user has dismissed it.
-    PutAway,
-}
+/// The texts on the line's left: the messages, and the read-out under the pointer.
+type Texts<'a> = (&'a mut Messages, Option<&'a ReadOut>);
 
 /// Shows the progress of the pictures; `None` for an empty window. It is always one line: another height would change the picture's size and cause a
-/// redraw. Returns the problem's outcome.
-pub(crate) fn show(ui: &mut Ui, views: Option<&Views>, said: &Said<'_>) -> Outcome {
+/// redraw. Returns whether the problem is too long for it, and has to be shown elsewhere.
+pub(crate) fn show(ui: &mut Ui, views: Option<&Views>, texts: Texts<'_>) -> bool {
     let line =
         ui.allocate_ui_with_layout(vec2(ui.available_width(), HEIGHT), Layout::right_to_left(Align::Center), |ui| {
             if let Some(views) = views {
                 progress(ui, views);
             }
-            ui.with_layout(Layout::left_to_right(Align::Center), |ui| left(ui, said)).inner
+            ui.with_layout(Layout::left_to_right(Align::Center), |ui| left(ui, texts)).inner
         });
     line.inner
 }
 
 /// Shows the texts on the line's left. The pointer does not affect a problem's place.
-fn left(ui: &mut Ui, said: &Said<'_>) -> Outcome {
-    let has_room = |text: &str| width(ui, text, TextStyle::Body) + DISMISS < MOST_OF_PROBLEM * ui.available_width();
-    let outcome = match said.problem {
-        Some(text) if !has_room(&one_line(text)) => Outcome::TooLong,
-        Some(text) if problem(ui, text, TextWrapMode::Truncate) => Outcome::PutAway,
-        _ => Outcome::Said,
-    };
-    words(ui, said);
-    outcome
+fn left(ui: &mut Ui, (messages, picked): Texts<'_>) -> bool {
+    let most = MOST_OF_PROBLEM * ui.available_width();
+    let is_long = |text: &str| width(ui, &one_line(text), TextStyle::Body) + DISMISS >= most;
+    let is_long = messages.problem().is_some_and(is_long);
+    if !is_long {
+        problem(ui, messages, TextWrapMode::Truncate);
+    }
+    words(ui, messages.note(), picked);
+    is_long
 }
 
-/// Shows a problem, truncated to one line or wrapped. Returns whether it was dismissed.
-pub(crate) fn problem(ui: &mut Ui, problem: &str, wrap: TextWrapMode) -> bool {
-    ui.horizontal(|ui| {
-        let is_put_away = ui.small_button("dismiss").on_hover_text("hides this message").clicked();
+/// Shows the problem, if any, truncated to one line or wrapped, until the user dismisses it.
+pub(crate) fn problem(ui: &mut Ui, messages: &mut Messages, wrap: TextWrapMode) {
+    let Some(problem) = messages.problem() else { return };
+    let is_dismissed = ui.horizontal(|ui| {
+        let is_dismissed = ui.small_button("dismiss").on_hover_text("hides this message").clicked();
         let text = RichText::new(one_line(problem)).color(problem_color(ui.visuals()));
         ui.add(Label::new(text).wrap_mode(wrap)).on_hover_text(problem);
-        is_put_away
-    })
-    .inner
+        is_dismissed
+    });
+    if is_dismissed.inner {
+        messages.dismiss();
+    }
 }
 
 /// Shows a note, in the room before the read-out.
-fn words(ui: &mut Ui, said: &Said<'_>) {
+fn words(ui: &mut Ui, note: Option<&str>, picked: Option<&ReadOut>) {
     let room = ui.available_width();
-    let note = said.note.map(|note| (one_line(note), width(ui, &one_line(note), TextStyle::Body) + GAP));
+    let note = note.map(|note| (one_line(note), width(ui, &one_line(note), TextStyle::Body) + GAP));
     let of_note = note.as_ref().map_or(0.0, |(_, width)| width.min(0.5 * room));
     let has_room = |text: &str| width(ui, text, TextStyle::Monospace) < room - of_note;
-    let values = said.picked.map(|picked| (picked.fitting(has_room), picked.all()));
+    let values = picked.map(|picked| (picked.fitting(has_room), picked.all()));
     if let Some((note, wanted)) = note {
         let of_values = values.as_ref().map_or(0.0, |(text, _)| width(ui, text, TextStyle::Monospace) + GAP);
         let size = vec2(wanted.min(room - of_values).max(0.0), HEIGHT);
@@ -156,17 +144,24 @@ fn state(canvas: &Canvas) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::messages::About;
     use egui_kittest::Harness;
     use egui_kittest::kittest::Queryable;
 
-    fn harness<'a>(width: f32, said: (Option<&'a str>, Option<&'a str>, &'a ReadOut)) -> Harness<'a, Outcome> {
-        let (problem, note, picked) = said;
-        let show = move |ui: &mut Ui, outcome: &mut Outcome| {
-            let problem = problem.filter(|_| *outcome != Outcome::PutAway);
-            let shown = show(ui, None, &Said { problem, note, picked: Some(picked) });
-            *outcome = if *outcome == Outcome::PutAway { Outcome::PutAway } else { shown };
+    /// The line with its messages; and whether the problem is too long.
+    fn harness<'a>(
+        width: f32,
+        problem: &str,
+        note: Option<&str>,
+        picked: &'a ReadOut,
+    ) -> Harness<'a, (Messages, bool)> {
+        let mut messages = Messages::default();
+        messages.say(About::Work, problem);
+        note.into_iter().for_each(|note| messages.notice(note.into()));
+        let show = |ui: &mut Ui, (messages, is_long): &mut (Messages, bool)| {
+            *is_long = show(ui, None, (messages, Some(picked)));
         };
-        Harness::builder().with_size(vec2(width, 40.0)).build_ui_state(show, Outcome::Said)
+        Harness::builder().with_size(vec2(width, 40.0)).build_ui_state(show, (messages, false))
     }
 
     fn read_out(count: u32) -> ReadOut {
@@ -177,7 +172,7 @@ mod tests {
     #[test]
     fn a_problem_and_what_is_done_stand_beside_values() {
         let picked = read_out(1);
-        let mut harness = harness(900.0, (Some("the disk\nis full"), Some("wrote a.png"), &picked));
+        let mut harness = harness(900.0, "the disk\nis full", Some("wrote a.png"), &picked);
         harness.run();
         for text in ["the disk is full", "wrote a.png", "at 1, 2, 3 mm  layer1 1"] {
             assert!(harness.query_by_label(text).is_some(), "{text}");
@@ -185,14 +180,14 @@ mod tests {
         harness.get_by_label("dismiss").click();
         harness.run();
         assert!(harness.query_by_label("the disk is full").is_none());
-        assert_eq!(*harness.state(), Outcome::PutAway);
+        assert_eq!(harness.state().0.problem(), None);
     }
 
     #[test]
     fn what_has_no_room_is_counted_or_said_elsewhere() {
         let (picked, long) = (read_out(30), "the disk is full ".repeat(9));
-        let harness = harness(400.0, (Some(&long), None, &picked));
-        assert_eq!(*harness.state(), Outcome::TooLong);
+        let harness = harness(400.0, &long, None, &picked);
+        assert!(harness.state().1);
         assert!(harness.query_by_label("dismiss").is_none());
         assert!(harness.query_by_label_contains("at 1, 2, 3 mm  layer1 1  layer2 2  layer3 3  +27").is_some());
     }

@@ -7,13 +7,13 @@ mod points;
 mod strip;
 
 use crate::panels::layers::style;
-use crate::panels::widgets::{color, group, number, problem_color, row};
+use crate::panels::widgets::{ANY, color, group, number, problem_color, row};
 use brickyard::session::VolumeSource;
 use brickyard::store::Histogram;
-use brickyard::text_file::{TextError, read_text, write_text};
+use brickyard::text_file::read_text;
 use brickyard::volume::transfer::file;
 use brickyard::volume::{SceneLayer, TransferChoice, TransferFile, TransferFunction};
-use eframe::egui::{Button, Id, Key, Modifiers, Response, RichText, TextEdit, Ui};
+use eframe::egui::{Button, Id, Key, Modifiers, PointerButton, Pos2, Response, RichText, TextEdit, Ui, Vec2};
 use points::{add_point, move_point, remove_point, simplified};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -29,23 +29,8 @@ const TOLERANCE: f64 = 1.5 / 255.0;
 /// Fewest points of opacity: one alone would make the function flat.
 const FEWEST: usize = 2;
 
-/// A transfer function to be saved to a file.
-#[derive(Clone, Debug, PartialEq)]
-pub(crate) struct SavedFunction {
-    pub(crate) path: PathBuf,
-    function: TransferFunction,
-}
-
-impl SavedFunction {
-    /// Writes the file, as JSON for scenes and the editor to read.
-    ///
-    /// # Errors
-    /// If the file cannot be written.
-    pub(crate) fn write(&self) -> Result<(), TextError> {
-        let text = serde_json::to_string_pretty(&self.function).expect("numbers in lists are JSON");
-        write_text(&self.path, &(text + "\n"))
-    }
-}
+/// A transfer function to be saved, and its file, as JSON for scenes and the editor to read.
+pub(crate) type SavedFunction = (PathBuf, TransferFunction);
 
 /// A point of one of the function's lists.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -136,33 +121,22 @@ fn selected(
     ends: [f64; 2],
     selected: &mut Option<Point>,
 ) {
-    let span = ends[1] - ends[0];
-    let limits = ([f64::NEG_INFINITY, f64::INFINITY], least(ends));
-    let any = f64::NEG_INFINITY..=f64::INFINITY;
     row(ui, "point", "the clicked point: its value, and its opacity or colour", |ui, label| {
         let gone = match *selected {
             Some(Point::Opacity(i)) if i < function.opacity.len() => {
-                let mut value = function.opacity[i][0];
-                if number(ui, &mut value, any, span, (58.0, "")).labelled_by(label).on_hover_text("value").changed() {
-                    move_point(&mut function.opacity, i, value, limits);
-                }
+                value(ui, label, &mut function.opacity, i, ends);
                 let alpha = &mut function.opacity[i][1];
                 number(ui, alpha, 0.0..=1.0, 1.0, (48.0, "")).labelled_by(label).on_hover_text("opacity, 0 to 1");
-                let can = function.opacity.len() > FEWEST;
-                removes(ui, can) && remove_point(&mut function.opacity, i, FEWEST)
+                is_removed(ui, &mut function.opacity, i, FEWEST)
             }
             Some(Point::Color(i)) if i < colors.len() => {
-                let mut value = colors[i][0];
-                if number(ui, &mut value, any, span, (58.0, "")).labelled_by(label).on_hover_text("value").changed() {
-                    move_point(colors, i, value, limits);
-                }
+                value(ui, label, colors, i, ends);
                 let [_, r, g, b] = colors[i];
                 let mut shown = [r, g, b];
                 if color(ui, &mut shown).labelled_by(label).changed() {
                     colors[i][1..].copy_from_slice(&shown);
                 }
-                let can = colors.len() > 1;
-                removes(ui, can) && remove_point(colors, i, 1)
+                is_removed(ui, colors, i, 1)
             }
             _ => {
                 ui.label(RichText::new("click one").weak());
@@ -175,9 +149,20 @@ fn selected(
     });
 }
 
-fn removes(ui: &mut Ui, can: bool) -> bool {
-    let button = ui.add_enabled(can, Button::new("remove").small());
-    button.on_disabled_hover_text("the function needs its last points").clicked()
+/// Shows the value of a point of a list.
+fn value<const N: usize>(ui: &mut Ui, label: Id, points: &mut [[f64; N]], index: usize, ends: [f64; 2]) {
+    let mut value = points[index][0];
+    let field = number(ui, &mut value, ANY, ends[1] - ends[0], (58.0, "")).labelled_by(label);
+    if field.on_hover_text("value").changed() {
+        move_point(points, index, value, ([f64::NEG_INFINITY, f64::INFINITY], least(ends)));
+    }
+}
+
+/// Shows the button to remove a point of a list. Returns whether it is removed.
+fn is_removed<const N: usize>(ui: &mut Ui, points: &mut Vec<[f64; N]>, index: usize, fewest: usize) -> bool {
+    let button = ui.add_enabled(points.len() > fewest, Button::new("remove").small());
+    let button = button.on_disabled_hover_text("the function needs its last points");
+    button.clicked() && remove_point(points, index, fewest)
 }
 
 /// Shows a function's settings besides its curve.
@@ -214,14 +199,11 @@ fn files(
     state: &mut State,
     saved: &mut Vec<SavedFunction>,
 ) {
-    row(
-        ui,
-        "file",
-        "path of a file in brickyard's own JSON, or of ParaView's colour maps, or of 3D Slicer's volume properties",
-        |ui, label| {
-            ui.add(TextEdit::singleline(&mut state.path).desired_width(f32::INFINITY)).labelled_by(label);
-        },
-    );
+    let hint =
+        "path of a file in brickyard's own JSON, or of ParaView's colour maps, or of 3D Slicer's volume properties";
+    row(ui, "file", hint, |ui, label| {
+        ui.add(TextEdit::singleline(&mut state.path).desired_width(f32::INFINITY)).labelled_by(label);
+    });
     row(ui, "", "", |ui, _| {
         let has_path = !state.path.trim().is_empty();
         let path = PathBuf::from(state.path.trim());
@@ -231,7 +213,7 @@ fn files(
         }
         let save = ui.add_enabled(has_path, Button::new("save").small()).on_hover_text("writes the function");
         if let Some(function) = save.clicked().then(|| volume.function(layer).ok()).flatten() {
-            saved.push(SavedFunction { path, function });
+            saved.push((path, function));
         }
         if ui.small_button("reset").on_hover_text("the gray ramp over the window").clicked() {
             (layer.transfer, layer.window, state.selected) = (None, None, None);
@@ -253,6 +235,27 @@ fn load(layer: &mut SceneLayer, volume: &VolumeSource, path: &Path) -> Result<St
     layer.transfer = Some(TransferChoice::File(TransferFile { path: path.into(), name: None, function }));
     (layer.window, layer.color) = (None, None);
     Ok(imported.remarks.join("\n"))
+}
+
+/// The dragged point of a list, of this kind, and the place it goes to. A drag selects the point `near` the press, given with its offset from there.
+fn dragged(
+    ui: &Ui,
+    response: &Response,
+    (selected, kind): (&mut Option<Point>, fn(usize) -> Point),
+    near: impl Fn(Pos2) -> Option<(usize, Vec2)>,
+) -> Option<(usize, Pos2)> {
+    let key = response.id.with("held");
+    let pointer = response.interact_pointer_pos()?;
+    if response.drag_started_by(PointerButton::Primary) {
+        let held = near(ui.input(|input| input.pointer.press_origin()).unwrap_or(pointer));
+        ui.data_mut(|data| data.insert_temp(key, held));
+        if let Some((i, _)) = held {
+            *selected = Some(kind(i));
+            response.request_focus();
+        }
+    }
+    let held = ui.data(|data| data.get_temp::<Option<(usize, Vec2)>>(key)).flatten();
+    held.filter(|_| response.dragged()).map(|(i, off)| (i, pointer + off))
 }
 
 /// Keyboard changes to the selected point's value, in multiples of `step`, and to its opacity; and whether it is removed.

@@ -12,7 +12,7 @@ mod stereo;
 use crate::command::Command;
 use crate::panels::mending::set_mode;
 use crate::panels::reason;
-use crate::panels::widgets::{color, count, group, row};
+use crate::panels::widgets::{Scale, color, count, group, row, slider};
 use brickyard::session::VolumeSource;
 use brickyard::volume::scene::VolumePlace;
 use brickyard::volume::{Mode, Projection, Scene, Viewpoint};
@@ -58,6 +58,15 @@ impl<'a> World<'a> {
         let (a, b) = (direction * self.low, direction * self.high);
         (a.min(b).element_sum(), a.max(b).element_sum())
     }
+}
+
+/// Shows the position of a plane through `point` on a slider along a direction. Returns its move.
+fn moved(ui: &mut Ui, hint: &str, along: DVec3, point: DVec3, world: &World<'_>) -> DVec3 {
+    let (least, greatest) = world.extent_along(along);
+    let before = along.dot(point);
+    let mut at = before;
+    slider(ui, "position", hint, &mut at, (Scale::Linear, least..=greatest, world.unit));
+    along * (at - before)
 }
 
 /// Shows the mode, side and time step of a scene. Camera motion goes to `commands`. During playback only the row below the pictures names the step,

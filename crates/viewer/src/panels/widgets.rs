@@ -21,6 +21,9 @@ const LEAST_RAIL: f32 = 24.0;
 /// Room left by a panel for its scroll bar, in points.
 const SCROLL_BAR_WIDTH: f32 = 12.0;
 
+/// All numbers, as a range.
+pub(crate) const ANY: RangeInclusive<f64> = f64::NEG_INFINITY..=f64::INFINITY;
+
 /// Shows a panel's content from top to bottom, in exactly the panel's room. Any excess is clipped: egui would widen the panel by it, in every frame
 /// again for content that fills the width.
 pub(crate) fn within(ui: &mut Ui, content: impl FnOnce(&mut Ui)) {
@@ -102,36 +105,24 @@ pub(crate) fn number(
     ui.add(number)
 }
 
+/// The scale of a slider.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Scale {
+    /// Equal distances are equal differences.
+    Linear,
+    /// Equal distances are equal factors.
+    Log,
+}
+
 /// Shows a slider in a row of its own, with its number.
 pub(crate) fn slider(
     ui: &mut Ui,
     label: &str,
     hint: &str,
     value: &mut f64,
-    (range, unit): (RangeInclusive<f64>, &str),
+    (scale, range, unit): (Scale, RangeInclusive<f64>, &str),
 ) -> Response {
-    slid(ui, label, hint, value, (range, unit), false)
-}
-
-/// Shows a slider on which equal distances are equal factors.
-pub(crate) fn log_slider(
-    ui: &mut Ui,
-    label: &str,
-    hint: &str,
-    value: &mut f64,
-    (range, unit): (RangeInclusive<f64>, &str),
-) -> Response {
-    slid(ui, label, hint, value, (range, unit), true)
-}
-
-fn slid(
-    ui: &mut Ui,
-    label: &str,
-    hint: &str,
-    value: &mut f64,
-    (range, unit): (RangeInclusive<f64>, &str),
-    is_logarithmic: bool,
-) -> Response {
+    let is_logarithmic = scale == Scale::Log;
     let span = if is_logarithmic { value.abs() } else { range.end() - range.start() };
     row(ui, label, hint, |ui, label| {
         let width = width_of(ui, &[*range.start(), *range.end(), *value], span, (unit, NUMBER_WIDTH));
@@ -146,16 +137,37 @@ fn slid(
     })
 }
 
+/// Shows an opacity, 0 to 1, on a slider.
+pub(crate) fn opacity(ui: &mut Ui, hint: &str, value: &mut f64) {
+    slider(ui, "opacity", hint, value, (Scale::Linear, 0.0..=1.0, ""));
+}
+
+/// Shows the two values of a window side by side, with a hint on each. Returns the edited ones, if they are in order.
+pub(crate) fn window(
+    ui: &mut Ui,
+    hint: &str,
+    shown: [f64; 2],
+    span: f64,
+    (least, greatest): (&str, &str),
+) -> Option<[f64; 2]> {
+    row(ui, "window", hint, |ui, label| {
+        let width = 0.5 * (ui.available_width() - ui.spacing().item_spacing.x);
+        let mut typed = shown;
+        number(ui, &mut typed[0], ANY, span, (width, "")).labelled_by(label).on_hover_text(least);
+        number(ui, &mut typed[1], ANY, span, (width, "")).labelled_by(label).on_hover_text(greatest);
+        (typed != shown && typed[0] < typed[1]).then_some(typed)
+    })
+}
+
 /// Shows the three numbers of a point or a direction: side by side if short, else below each other.
 pub(crate) fn vector(ui: &mut Ui, label: &str, hint: &str, value: &mut DVec3, span: f64) {
-    let any = f64::NEG_INFINITY..=f64::INFINITY;
     let is_long = value.to_array().iter().any(|part| within_span(*part, span).len() > 6);
     let parts = |ui: &mut Ui, label: Id, axes: &[usize], value: &mut DVec3| {
         ui.spacing_mut().button_padding.x = 2.0;
         let gaps = ui.spacing().item_spacing.x * (axes.len() - 1) as f32;
         let width = (ui.available_width() - gaps) / axes.len() as f32;
         for &axis in axes {
-            let part = number(ui, &mut value.as_mut()[axis], any.clone(), span, (width, ""));
+            let part = number(ui, &mut value.as_mut()[axis], ANY, span, (width, ""));
             part.labelled_by(label).on_hover_text(["x", "y", "z"][axis]);
         }
     };
@@ -234,6 +246,19 @@ pub(crate) fn menu<T: Copy + PartialEq>(
         menu.response.labelled_by(label).on_hover_text(hint);
         chosen.filter(|chosen| *chosen != shown)
     })
+}
+
+/// Shows a menu of choices for a value, and sets the chosen one.
+pub(crate) fn choice<T: Copy + PartialEq>(ui: &mut Ui, label: &str, hint: &str, value: &mut T, all: Choices<'_, T>) {
+    *value = menu(ui, label, hint, (*value, all), |_| None).unwrap_or(*value);
+}
+
+/// Shows the items of a list below each other, by `show`, which returns whether to remove its item. Returns whether one was removed.
+pub(crate) fn list<T>(ui: &mut Ui, items: &mut Vec<T>, mut show: impl FnMut(&mut Ui, usize, &mut T) -> bool) -> bool {
+    let before = items.len();
+    let mut i = 0..;
+    items.retain_mut(|item| i.next().is_none_or(|i| !ui.push_id(i, |ui| show(ui, i, item)).inner));
+    items.len() < before
 }
 
 /// Shows a colour, edited by a click.

@@ -1,13 +1,12 @@
 //! The window's work with files: opening volumes instead of others or beside them, and exporting voxels. It runs in the background, polled once a
 //! frame.
 
-use super::{Window, remark};
+use super::{Window, warning};
 use crate::command::{Command, Placing};
 use crate::edits::with_more;
 use crate::exporting::{Exporting, Part};
 use crate::keeping::{self, Keeper};
 use crate::marks::Marks;
-use crate::note::Note;
 use crate::opening::Openings;
 use crate::panels::description::Description;
 use crate::panels::dialogs::{Dialog, DialogKind};
@@ -23,17 +22,11 @@ use std::path::{Path, PathBuf};
 
 /// Volumes being opened, shown once there is a picture of each.
 pub(super) struct Next {
-    openings: Openings,
+    pub(super) openings: Openings,
     meshes: Vec<PathBuf>,
     placing: Placing,
     /// The user's description of the files.
     said: Description,
-}
-
-impl Next {
-    pub(super) fn show(&self, ui: &mut Ui) {
-        self.openings.show(ui);
-    }
 }
 
 impl Window {
@@ -101,14 +94,10 @@ impl Window {
     pub(super) fn follow_files(&mut self, egui: &egui::Context) -> Result<(), String> {
         if let Some(ended) = self.exporting.as_mut().and_then(Exporting::poll) {
             let is_stopped = self.exporting.take().is_some_and(|exporting| exporting.is_stopped());
-            let is_it = |command: &Command| matches!(command, Command::Export(_));
-            match ended {
-                Err(words) if is_stopped => self.say_stopped(is_it, words),
-                ended => self.say_ended(is_it, ended),
-            }
+            self.say_ended(|command| matches!(command, Command::Export(_)), ended, is_stopped);
         }
         let changes = self.openings.poll();
-        self.note = changes.messages.into_iter().last().map(Note::new).or(self.note.take());
+        changes.messages.into_iter().last().into_iter().for_each(|text| self.messages.notice(text));
         if changes.has_volumes {
             let volumes = self.openings.volumes();
             if scale_crops(&mut self.state.scene, self.views.volumes(), &volumes) {
@@ -124,17 +113,14 @@ impl Window {
             if !error.is_cancelled() {
                 return Err(words);
             }
-            self.remark(words);
+            self.messages.remark(words);
         }
         let Some(next) = &mut self.next else { return Ok(()) };
         let changes = next.openings.poll();
-        self.note = changes.messages.into_iter().last().map(Note::new).or(self.note.take());
+        changes.messages.into_iter().last().into_iter().for_each(|text| self.messages.notice(text));
         if let Some((path, error)) = changes.stopped {
             let problem = self.ask_about(&path, &error);
-            match error.is_cancelled() {
-                true => self.say_stopped(Command::opens, problem),
-                false => self.say_ended(Command::opens, Err(problem)),
-            }
+            self.say_ended(Command::opens, Err(problem), error.is_cancelled());
             return Ok(());
         }
         let Some(next) = self.next.take_if(|next| next.openings.are_shown()) else { return Ok(()) };
@@ -173,7 +159,7 @@ impl Window {
             self.state.lent_surfaces.extend(added.flat_map(|layer| layer.isosurfaces.clone()));
         }
         self.state.scene = scene;
-        self.problem = remark(&self.state.scene, self.views.volumes());
+        self.messages.warn(warning(&self.state.scene, self.views.volumes()));
         Ok(())
     }
 
@@ -192,7 +178,7 @@ impl Window {
         self.state.window.distances.clear();
         self.history.clear();
         self.openings = openings;
-        self.problem = remark(&self.state.scene, self.views.volumes());
+        self.messages.warn(warning(&self.state.scene, self.views.volumes()));
         Ok(())
     }
 
@@ -226,7 +212,7 @@ impl Window {
         let (dropped, is_added) = egui.input(|input| (input.raw.dropped_files.clone(), input.modifiers.shift));
         let dropped: Vec<_> = dropped.iter().map(|file| file.path().to_path_buf()).collect();
         if !dropped.is_empty() {
-            commands.push(if is_added { Command::Add(dropped) } else { Command::Open(dropped) });
+            commands.push(Command::Open(dropped, if is_added { Placing::Beside } else { Placing::Instead }));
         }
         let Some(dialog) = &mut self.dialog else { return };
         let of = (&self.state.scene, self.views.volumes());
@@ -248,7 +234,7 @@ impl Window {
         part.add_space(16.0);
         for path in self.recent.paths() {
             if part.add(Link::new(path.display().to_string())).clicked() {
-                commands.push(Command::Open(vec![path.clone()]));
+                commands.push(Command::Open(vec![path.clone()], Placing::Instead));
             }
         }
     }

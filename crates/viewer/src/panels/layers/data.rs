@@ -1,7 +1,7 @@
 //! The data of a layer, and their place: volume, channel, crop and placement.
 
 use crate::panels::reason;
-use crate::panels::widgets::{group, menu, range, row, switch, typed, vector};
+use crate::panels::widgets::{choice, group, menu, range, row, switch, typed, vector};
 use brickyard::session::VolumeSource;
 use brickyard::volume::numbers::significant;
 use brickyard::volume::{Placement, Scene, SceneLayer};
@@ -64,11 +64,7 @@ fn channel(ui: &mut Ui, scene: &mut Scene, volume: &VolumeSource, layer: usize) 
     };
     let names: Vec<String> = (0..volume.source.channels()).map(name).collect();
     let choices: Vec<_> = (0..).zip(&names).map(|(channel, name)| (channel, &**name, "")).collect();
-    let shown = scene.layers[layer].channel;
-    let hint = "the channel of the layer's volume, from 0";
-    if let Some(channel) = menu(ui, "channel", hint, (shown, &choices), |_| None) {
-        scene.layers[layer].channel = channel;
-    }
+    choice(ui, "channel", "the channel of the layer's volume, from 0", &mut scene.layers[layer].channel, &choices);
 }
 
 /// Edits the visible box, in voxels.
@@ -92,29 +88,20 @@ fn placement(ui: &mut Ui, layer: &mut SceneLayer, volume: &VolumeSource) {
     let placement = &mut layer.world_from_volume;
     let mut rows = placement.rows();
     let mut moved = DVec3::from_array(rows.map(|row| row[3]));
-    vector(
-        ui,
-        "moved by",
-        "offset of the layer from its store's own place, in world units",
-        &mut moved,
-        (high - low).length(),
-    );
+    let hint = "offset of the layer from its store's own place, in world units";
+    vector(ui, "moved by", hint, &mut moved, (high - low).length());
     (0..3).for_each(|axis| rows[axis][3] = moved[axis]);
     if rows != placement.rows()
         && let Ok(new) = Placement::from_rows(&rows)
     {
         *placement = new;
     }
-    row(
-        ui,
-        "matrix",
-        "from the volume's own world to the scene's, row by row, as from registration programs",
-        |ui, _| {
-            if ui.small_button("reset").on_hover_text("back to the store's own place").clicked() {
-                *placement = Placement::default();
-            }
-        },
-    );
+    let hint = "from the volume's own world to the scene's, row by row, as from registration programs";
+    row(ui, "matrix", hint, |ui, _| {
+        if ui.small_button("reset").on_hover_text("back to the store's own place").clicked() {
+            *placement = Placement::default();
+        }
+    });
     let read = |text: &str| Placement::from_text(text).map_err(|error| error.to_string());
     typed(ui, ("placement", "12 or 16 numbers, row by row", 3), placement, matrix, read);
 }

@@ -1,7 +1,7 @@
 //! The isosurfaces of a layer: their values, colours and opacities, as a list.
 
 use crate::panels::mending::drop_idle_lights;
-use crate::panels::widgets::{group, own_color, row, slider};
+use crate::panels::widgets::{Scale, group, list, opacity, own_color, row, slider};
 use brickyard::session::VolumeSource;
 use brickyard::volume::surface::MAX_SURFACES;
 use brickyard::volume::{Isosurface, Mode, Scene};
@@ -14,36 +14,32 @@ pub(crate) fn show(ui: &mut Ui, scene: &mut Scene, layer: usize, volume: &Volume
         let barred =
             scene.mode.is_projection().then_some("a projection shows no surfaces: choose mode dvr or isosurface");
         let keep_last = scene.mode == Mode::Isosurface && others(scene, layer) == 0;
-        let (least, greatest) = volume.source.channel_range(layer_channel(scene, layer));
+        let (least, greatest) = volume.source.channel_range(scene.layers[layer].channel);
         let seen = volume.function(&scene.layers[layer]).ok();
         let surfaces = &mut scene.layers[layer].isosurfaces;
         let is_only = surfaces.len() == 1;
-        let mut removed = None;
-        for i in 0..surfaces.len() {
-            ui.push_id(i, |ui| {
-                let before = surfaces[i].value;
-                let hint = "the value on the surface, in stored units";
-                slider(ui, "value", hint, &mut surfaces[i].value, (least..=greatest, ""));
-                if surfaces.iter().enumerate().any(|(other, surface)| other != i && surface.value == surfaces[i].value)
-                {
-                    // Two surfaces in one place would be indistinguishable.
-                    surfaces[i].value = before;
-                }
-                slider(ui, "opacity", "the share of light it absorbs", &mut surfaces[i].opacity, (0.0..=1.0, ""));
-                row(ui, "colour", "its own colour, or the transfer function's at the value", |ui, label| {
-                    let color = seen.as_ref().map_or([1.0; 3], |function| function.rgb(before));
-                    own_color(ui, &mut surfaces[i].color, color, label);
-                    let remove = ui.add_enabled(!(is_only && keep_last), Button::new("remove").small());
-                    let reason = "mode isosurface shows nothing else: choose another mode first";
-                    if remove.on_disabled_hover_text(reason).clicked() {
-                        removed = Some(i);
-                    }
-                });
-                ui.add_space(4.0);
+        let mut values: Vec<f64> = surfaces.iter().map(|surface| surface.value).collect();
+        let is_one_removed = list(ui, surfaces, |ui, i, surface| {
+            let hint = "the value on the surface, in stored units";
+            slider(ui, "value", hint, &mut surface.value, (Scale::Linear, least..=greatest, ""));
+            if values.iter().enumerate().any(|(other, value)| other != i && *value == surface.value) {
+                // Two surfaces in one place would be indistinguishable.
+                surface.value = values[i];
+            }
+            opacity(ui, "the share of light it absorbs", &mut surface.opacity);
+            let hint = "its own colour, or the transfer function's at the value";
+            let is_removed = row(ui, "colour", hint, |ui, label| {
+                let color = seen.as_ref().map_or([1.0; 3], |function| function.rgb(values[i]));
+                own_color(ui, &mut surface.color, color, label);
+                let remove = ui.add_enabled(!(is_only && keep_last), Button::new("remove").small());
+                let reason = "mode isosurface shows nothing else: choose another mode first";
+                remove.on_disabled_hover_text(reason).clicked()
             });
-        }
-        if let Some(i) = removed {
-            surfaces.remove(i);
+            values[i] = surface.value;
+            ui.add_space(4.0);
+            is_removed
+        });
+        if is_one_removed {
             if scene.layers.iter().all(|layer| layer.isosurfaces.is_empty()) {
                 drop_idle_lights(scene);
             }
@@ -56,10 +52,6 @@ pub(crate) fn show(ui: &mut Ui, scene: &mut Scene, layer: usize, volume: &Volume
             surfaces.push(another(surfaces, (least, greatest)));
         }
     });
-}
-
-fn layer_channel(scene: &Scene, layer: usize) -> u32 {
-    scene.layers[layer].channel
 }
 
 /// Number of surfaces of the other visible layers.

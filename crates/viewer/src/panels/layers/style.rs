@@ -1,6 +1,6 @@
 //! The look of a layer's values: its window over the histogram, colours and gamma.
 
-use crate::panels::widgets::{log_slider, menu, number, own_color, problem_color, row, slider};
+use crate::panels::widgets::{self, Scale, choice, opacity, own_color, problem_color, row, slider};
 use crate::panels::{color_map, histogram};
 use brickyard::session::VolumeSource;
 use brickyard::store::metadata::ChannelStatistics;
@@ -32,12 +32,11 @@ pub(crate) fn show(ui: &mut Ui, layer: &mut SceneLayer, volume: &VolumeSource) {
         }
     }
     let hint = "exponent of colours and opacities over the window: less than 1 shows more of the lesser values";
-    log_slider(ui, "gamma", hint, &mut layer.gamma, (GAMMAS, ""));
+    slider(ui, "gamma", hint, &mut layer.gamma, (Scale::Log, GAMMAS, ""));
 }
 
 pub(super) fn opacity_and_blend(ui: &mut Ui, layer: &mut SceneLayer) {
-    let hint = "factor of all opacities of the layer, 0 to 1";
-    slider(ui, "opacity", hint, &mut layer.opacity, (0.0..=1.0, ""));
+    opacity(ui, "factor of all opacities of the layer, 0 to 1", &mut layer.opacity);
     let blends = [
         (None, "auto", "by mode: in projections and slices channels add and labels lie over; else all mix"),
         (Some(Blend::Mix), "mix", "as a medium in the same place as the others: hides things behind it"),
@@ -45,9 +44,7 @@ pub(super) fn opacity_and_blend(ui: &mut Ui, layer: &mut SceneLayer) {
         (Some(Blend::Over), "over", "in projections and slices on top of the others (labels over an image)"),
     ];
     let hint = "blending with other layers in the same place";
-    if let Some(blend) = menu(ui, "blend", hint, (layer.blend, &blends), |_| None) {
-        layer.blend = blend;
-    }
+    choice(ui, "blend", hint, &mut layer.blend, &blends);
 }
 
 /// The effective window: the layer's own, or the span of a function with values of its own.
@@ -69,14 +66,7 @@ fn window(ui: &mut Ui, layer: &mut SceneLayer, volume: &VolumeSource) {
         let (least, greatest) = volume.source.channel_range(layer.channel);
         let span = (greatest - least).max(high - low);
         let hint = "the values of the first and the last colour, in stored units";
-        let typed = row(ui, "window", hint, |ui, label| {
-            let width = 0.5 * (ui.available_width() - ui.spacing().item_spacing.x);
-            let mut typed = shown;
-            let (any, size) = (f64::NEG_INFINITY..=f64::INFINITY, (width, ""));
-            number(ui, &mut typed[0], any.clone(), span, size).labelled_by(label).on_hover_text("least value");
-            number(ui, &mut typed[1], any, span, size).labelled_by(label).on_hover_text("greatest value");
-            (typed != shown).then_some(typed)
-        });
+        let typed = widgets::window(ui, hint, shown, span, ("least value", "greatest value"));
         if let Some(window) = typed.or(dragged).filter(|[low, high]| low < high && (high - low).is_finite()) {
             layer.window = Some(window);
         }

@@ -1,11 +1,12 @@
 //! The curve of opacities over the histogram, and its editing by the pointer.
 
-use super::{FEWEST, Point, add_point, keys, least, move_point, remove_point};
+use super::{FEWEST, Point, add_point, dragged, keys, least, move_point, remove_point};
+use crate::panels::color_map::ribbon;
 use crate::panels::histogram::{self, Axis};
 use crate::panels::widgets::color32;
 use brickyard::store::Histogram;
 use brickyard::volume::TransferFunction;
-use eframe::egui::{Color32, Mesh, Pos2, Rect, Response, Role, Sense, Shape, Stroke, Ui, Vec2, WidgetInfo, pos2, vec2};
+use eframe::egui::{Pos2, Rect, Response, Role, Sense, Shape, Stroke, Ui, WidgetInfo, pos2, vec2};
 
 const HEIGHT: f32 = 116.0;
 
@@ -18,10 +19,6 @@ const MARGIN: f32 = 6.0;
 const HINT: &str = "drag a point; double click, or click on the curve, to add one; right click to remove it\n\
                     arrow keys move the clicked point, Delete removes it";
 
-/// The dragged point, and its offset from the pointer.
-#[derive(Clone, Copy)]
-struct Held(usize, Vec2);
-
 /// Shows and edits the opacities of a function between two values.
 pub(super) fn show(
     ui: &mut Ui,
@@ -33,9 +30,9 @@ pub(super) fn show(
     let size = vec2(ui.available_width(), HEIGHT);
     let (area, response) = ui.allocate_exact_size(size, Sense::click_and_drag());
     response.widget_info(|| WidgetInfo::labeled(Role::Canvas, ui.is_enabled(), "opacity curve"));
-    let plot = Plot { axis: Axis::over(ends, area.shrink(MARGIN)), ends };
-    plot.draw(ui, area, function, histogram, selected.as_ref(), &response);
-    let response = plot.hover(response, function, histogram);
+    let plot = Plot { axis: Axis::over(ends, area.shrink(MARGIN)), ends, histogram };
+    plot.draw(ui, function, *selected, &response);
+    let response = plot.hover(response, function);
     plot.drag(ui, &response, function, selected);
     plot.click(&response, function, selected);
     let ([by, up], is_removed) = keys(ui, &response, least(ends));
@@ -52,12 +49,13 @@ pub(super) fn show(
     }
 }
 
-struct Plot {
+struct Plot<'a> {
     axis: Axis,
     ends: [f64; 2],
+    histogram: Option<&'a Histogram>,
 }
 
-impl Plot {
+impl Plot<'_> {
     fn place(&self, [value, alpha]: [f64; 2]) -> Pos2 {
         let area = self.axis.area;
         pos2(self.axis.x(value), area.bottom() - alpha as f32 * area.height())
@@ -82,21 +80,11 @@ impl Plot {
     }
 
     fn drag(&self, ui: &Ui, response: &Response, function: &mut TransferFunction, selected: &mut Option<Point>) {
-        let key = response.id.with("held");
-        let Some(pointer) = response.interact_pointer_pos() else { return };
-        if response.drag_started_by(eframe::egui::PointerButton::Primary) {
-            let from = ui.input(|input| input.pointer.press_origin()).unwrap_or(pointer);
-            let near = self.near(function, from);
-            let held = near.map(|i| Held(i, self.place(function.opacity[i]) - from));
-            ui.data_mut(|data| data.insert_temp(key, held));
-            if near.is_some() {
-                *selected = near.map(Point::Opacity);
-                response.request_focus();
-            }
-        }
-        let held = ui.data(|data| data.get_temp::<Option<Held>>(key)).flatten();
-        if let Some(Held(i, off)) = held.filter(|held| response.dragged() && held.0 < function.opacity.len()) {
-            self.put(function, i, self.at(pointer + off));
+        let near = |from| self.near(function, from).map(|i| (i, self.place(function.opacity[i]) - from));
+        if let Some((i, to)) = dragged(ui, response, (selected, Point::Opacity), near)
+            && i < function.opacity.len()
+        {
+            self.put(function, i, self.at(to));
         }
     }
 
@@ -125,30 +113,23 @@ impl Plot {
         *selected = near.or(added).map(Point::Opacity);
     }
 
-    fn hover(&self, response: Response, function: &TransferFunction, histogram: Option<&Histogram>) -> Response {
+    fn hover(&self, response: Response, function: &TransferFunction) -> Response {
         let Some(pointer) = response.hover_pos().filter(|_| !response.dragged()) else { return response };
         let [value, _] = self.at(pointer);
         let text = format!("opacity {:.3}\n{HINT}", function.alpha(value));
-        match histogram {
+        match self.histogram {
             Some(histogram) => histogram::hovered(response, &self.axis, histogram, &text),
             None => response.on_hover_text_at_pointer(text),
         }
     }
 
-    fn draw(
-        &self,
-        ui: &Ui,
-        area: Rect,
-        function: &TransferFunction,
-        histogram: Option<&Histogram>,
-        selected: Option<&Point>,
-        response: &Response,
-    ) {
+    fn draw(&self, ui: &Ui, function: &TransferFunction, selected: Option<Point>, response: &Response) {
+        let area = response.rect;
         let (painter, visuals) = (ui.painter_at(area), ui.visuals());
         painter.rect_filled(area, 2.0, visuals.extreme_bg_color);
         // Not translucent: bars meet each other.
         let faint = visuals.extreme_bg_color.lerp_to_gamma(visuals.weak_text_color(), 0.4);
-        if let Some(histogram) = histogram {
+        if let Some(histogram) = self.histogram {
             histogram::bars(ui, &self.axis, histogram, |_| faint);
         }
         painter.add(self.fill(area, function));
@@ -161,7 +142,7 @@ impl Plot {
         let near = response.hover_pos().and_then(|pointer| self.near(function, pointer));
         for (i, point) in function.opacity.iter().enumerate() {
             let place = self.place(*point);
-            let is_selected = selected == Some(&Point::Opacity(i));
+            let is_selected = selected == Some(Point::Opacity(i));
             let radius = if near == Some(i) || is_selected { 5.0 } else { 4.0 };
             let fill = if is_selected { visuals.selection.bg_fill } else { visuals.extreme_bg_color };
             painter.circle(place, radius, fill, Stroke::new(1.5, visuals.strong_text_color()));
@@ -174,19 +155,11 @@ impl Plot {
     /// The area below the curve, in the function's colours.
     fn fill(&self, area: Rect, function: &TransferFunction) -> Shape {
         let columns = (area.width() / 2.0).ceil() as u32;
-        let mut mesh = Mesh::default();
-        for column in 0..=columns {
+        ribbon((0..=columns).map(|column| {
             let x = area.left() + area.width() * column as f32 / columns as f32;
             let value = self.axis.value(x);
-            let color: Color32 = color32(function.rgb(value)).gamma_multiply(0.75);
-            mesh.colored_vertex(pos2(x, self.place([value, function.alpha(value)]).y), color);
-            mesh.colored_vertex(pos2(x, area.bottom()), color);
-            if column > 0 {
-                let first = 2 * (column - 1);
-                mesh.add_triangle(first, first + 1, first + 2);
-                mesh.add_triangle(first + 1, first + 2, first + 3);
-            }
-        }
-        Shape::mesh(mesh)
+            let top = pos2(x, self.place([value, function.alpha(value)]).y);
+            ([top, pos2(x, area.bottom())], color32(function.rgb(value)).gamma_multiply(0.75))
+        }))
     }
 }

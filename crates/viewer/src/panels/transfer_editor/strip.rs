@@ -1,13 +1,11 @@
 //! The strip of colours, with a handle for each colour point below, and its editing by the pointer.
 
-use super::{Point, add_point, keys, least, move_point, remove_point};
+use super::{Point, add_point, dragged, keys, least, move_point, remove_point};
 use crate::panels::color_map;
 use crate::panels::histogram::Axis;
 use crate::panels::widgets::color32;
 use brickyard::volume::TransferFunction;
-use eframe::egui::{
-    PointerButton, Pos2, Rect, Response, Role, Sense, Shape, Stroke, StrokeKind, Ui, WidgetInfo, pos2, vec2,
-};
+use eframe::egui::{Pos2, Rect, Response, Role, Sense, Shape, Stroke, StrokeKind, Ui, Vec2, WidgetInfo, pos2, vec2};
 
 const HEIGHT: f32 = 30.0;
 
@@ -76,20 +74,11 @@ fn near(axis: &Axis, points: &[[f64; 4]], x: f32) -> Option<usize> {
 }
 
 fn drag(ui: &Ui, response: &Response, axis: &Axis, points: &mut [[f64; 4]], selected: &mut Option<Point>) {
-    let key = response.id.with("held");
-    let Some(pointer) = response.interact_pointer_pos() else { return };
-    if response.drag_started_by(PointerButton::Primary) {
-        let from = ui.input(|input| input.pointer.press_origin()).unwrap_or(pointer);
-        let held = near(axis, points, from.x);
-        ui.data_mut(|data| data.insert_temp(key, held));
-        if held.is_some() {
-            *selected = held.map(Point::Color);
-            response.request_focus();
-        }
-    }
-    let held = ui.data(|data| data.get_temp::<Option<usize>>(key)).flatten();
-    if let Some(i) = held.filter(|i| response.dragged() && *i < points.len()) {
-        move_point(points, i, axis.value(pointer.x), (axis.ends(), least(axis.ends())));
+    let near = |from: Pos2| near(axis, points, from.x).map(|i| (i, Vec2::ZERO));
+    if let Some((i, to)) = dragged(ui, response, (selected, Point::Color), near)
+        && i < points.len()
+    {
+        move_point(points, i, axis.value(to.x), (axis.ends(), least(axis.ends())));
     }
 }
 

@@ -1,4 +1,5 @@
 use super::*;
+use crate::keeping::write_json;
 use crate::panels::fixture;
 use brickyard::volume::{Region, Scene, Shape};
 use eframe::egui::{Event, PointerButton, Pos2, pos2, vec2};
@@ -204,9 +205,9 @@ fn what_is_saved_is_loaded_again() {
     let mut harness = harness(ramp());
     harness.get_by_label("save").click();
     harness.run();
-    let saved = harness.state().1[0].clone();
-    assert_eq!(saved.path, Path::new("transfer.json"));
-    SavedFunction { path: path.clone(), ..saved }.write().expect("written");
+    let (name, saved) = harness.state().1[0].clone();
+    assert_eq!(name, Path::new("transfer.json"));
+    write_json(&path, &saved).expect("written");
     let volume = fixture::volumes().swap_remove(0);
     let mut layer = SceneLayer::default();
     assert_eq!(load(&mut layer, &volume, &path), Ok(String::new()));

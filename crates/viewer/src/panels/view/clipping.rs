@@ -1,7 +1,7 @@
 //! Clipping of all volumes: by a box, by planes, and the caps on isosurfaces they open.
 
-use super::World;
-use crate::panels::widgets::{group, range, row, slider, switch, vector};
+use super::{World, moved};
+use crate::panels::widgets::{group, list, range, row, switch, vector};
 use brickyard::volume::{ClipPlane, MAX_CLIP_PLANES, Scene};
 use eframe::egui::{Button, Ui};
 use glam::DVec3;
@@ -44,30 +44,23 @@ fn clip_box(ui: &mut Ui, clip: &mut Option<[DVec3; 2]>, world: &World<'_>) {
 
 fn planes(ui: &mut Ui, planes: &mut Vec<ClipPlane>, world: &World<'_>) {
     adding(ui, planes, world);
-    let mut removed = None;
-    for (i, plane) in planes.iter_mut().enumerate() {
-        ui.push_id(i, |ui| {
-            row(ui, &format!("plane {}", i + 1), "shows the side its normal points to", |ui, _| {
-                if ui.small_button("flip").on_hover_text("shows the other side").clicked() {
-                    plane.normal = -plane.normal;
-                }
-                if ui.small_button("remove").clicked() {
-                    removed = Some(i);
-                }
-            });
-            position(ui, plane, world);
-            let before = plane.normal;
-            vector(ui, "normal", "towards the visible side; of any length", &mut plane.normal, 2.0);
-            if plane.normalized().is_err() {
-                plane.normal = before;
+    list(ui, planes, |ui, i, plane| {
+        let is_removed = row(ui, &format!("plane {}", i + 1), "shows the side its normal points to", |ui, _| {
+            if ui.small_button("flip").on_hover_text("shows the other side").clicked() {
+                plane.normal = -plane.normal;
             }
-            vector(ui, "through", "a point of the plane, in world units", &mut plane.point, world.size());
-            ui.add_space(4.0);
+            ui.small_button("remove").clicked()
         });
-    }
-    if let Some(i) = removed {
-        planes.remove(i);
-    }
+        plane.point += moved(ui, "along the normal", plane.normal.normalize_or_zero(), plane.point, world);
+        let before = plane.normal;
+        vector(ui, "normal", "towards the visible side; of any length", &mut plane.normal, 2.0);
+        if plane.normalized().is_err() {
+            plane.normal = before;
+        }
+        vector(ui, "through", "a point of the plane, in world units", &mut plane.point, world.size());
+        ui.add_space(4.0);
+        is_removed
+    });
 }
 
 /// Shows the planes to add, by the side that stays. These buttons are above the present planes, and keep their place.
@@ -83,16 +76,4 @@ fn adding(ui: &mut Ui, planes: &mut Vec<ClipPlane>, world: &World<'_>) {
             }
         }
     });
-}
-
-/// Shows a plane's position along its normal.
-fn position(ui: &mut Ui, plane: &mut ClipPlane, world: &World<'_>) {
-    let along = plane.normal.normalize_or_zero();
-    let (least, greatest) = world.extent_along(along);
-    let before = along.dot(plane.point);
-    let mut at = before;
-    slider(ui, "position", "along the normal", &mut at, (least..=greatest, world.unit));
-    if at != before {
-        plane.point += along * (at - before);
-    }
 }

@@ -3,7 +3,7 @@
 use super::World;
 use crate::panels::mending::set_light;
 use crate::panels::reason;
-use crate::panels::widgets::{group, menu, vector};
+use crate::panels::widgets::{choice, group, list, menu, vector};
 use brickyard::session::VolumeSource;
 use brickyard::volume::lighting::MAX_LIGHTS;
 use brickyard::volume::{Gradient, LightingModel, Scene};
@@ -30,9 +30,7 @@ pub(super) fn show(ui: &mut Ui, scene: &mut Scene, volumes: &[VolumeSource], wor
             set_light(scene, model);
         }
         let hint = "method of finding the direction in which values change";
-        if let Some(gradient) = menu(ui, "gradient", hint, (scene.lighting.gradient, &GRADIENTS), |_| None) {
-            scene.lighting.gradient = gradient;
-        }
+        choice(ui, "gradient", hint, &mut scene.lighting.gradient, &GRADIENTS);
         lights(ui, scene, volumes, world);
     });
 }
@@ -47,17 +45,11 @@ fn lights(ui: &mut Ui, scene: &mut Scene, volumes: &[VolumeSource], world: &Worl
         () => reason(scene, volumes, |scene| scene.lighting.lights.push(eye)),
     };
     let lights = &mut scene.lighting.lights;
-    let mut removed = None;
-    for (i, light) in lights.iter_mut().enumerate() {
-        ui.push_id(i, |ui| {
-            vector(ui, &format!("light {}", i + 1), "where the light stands, in world units", light, world.size());
-            if ui.small_button("remove").clicked() {
-                removed = Some(i);
-            }
-        });
-    }
-    if let Some(i) = removed {
-        lights.remove(i);
+    let is_one_removed = list(ui, lights, |ui, i, light| {
+        vector(ui, &format!("light {}", i + 1), "where the light stands, in world units", light, world.size());
+        ui.small_button("remove").clicked()
+    });
+    if is_one_removed {
         return;
     }
     if lights.is_empty() {

@@ -1,6 +1,6 @@
 //! The meshes beside the volumes, as a list.
 
-use crate::panels::widgets::{group, own_color, row, slider};
+use crate::panels::widgets::{group, list, opacity, own_color, row};
 use brickyard::volume::mesh::PLAIN_COLOR;
 use brickyard::volume::{MeshLook, Scene};
 use eframe::egui::{RichText, Ui};
@@ -11,17 +11,7 @@ pub(super) fn show(ui: &mut Ui, scene: &mut Scene) {
             ui.label(RichText::new("There are none: add some with File, Add...").weak());
         }
         let is_projection = scene.mode.is_projection();
-        let mut removed = None;
-        for (i, mesh) in scene.meshes.iter_mut().enumerate() {
-            ui.push_id(i, |ui| {
-                if one(ui, mesh, is_projection) {
-                    removed = Some(i);
-                }
-            });
-        }
-        if let Some(i) = removed {
-            scene.meshes.remove(i);
-        }
+        list(ui, &mut scene.meshes, |ui, _, mesh| one(ui, mesh, is_projection));
     });
 }
 
@@ -33,7 +23,7 @@ fn one(ui: &mut Ui, mesh: &mut MeshLook, is_projection: bool) -> bool {
         mesh.opacity = f64::from(u8::from(is_visible));
     }
     let shown = ui.add_enabled_ui(!is_projection, |ui| {
-        slider(ui, "opacity", "0 is invisible, 1 hides things behind it", &mut mesh.opacity, (0.0..=1.0, ""));
+        opacity(ui, "0 is invisible, 1 hides things behind it", &mut mesh.opacity);
     });
     shown.response.on_disabled_hover_text("a projection has no depth: choose mode dvr or isosurface");
     row(ui, "colour", "its own colour, or the file's", |ui, label| {

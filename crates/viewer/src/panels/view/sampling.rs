@@ -1,7 +1,7 @@
 //! The sampling of rays, and the fineness of their bricks.
 
 use crate::panels::reason;
-use crate::panels::widgets::{count, group, log_slider, menu};
+use crate::panels::widgets::{Scale, choice, count, group, menu, slider};
 use brickyard::session::VolumeSource;
 use brickyard::volume::sampling::MOST_VIRTUAL_SAMPLES;
 use brickyard::volume::{Filter, Jitter, LevelPolicy, Method, PixelSamples, Scene};
@@ -54,20 +54,16 @@ pub(super) fn show(ui: &mut Ui, scene: &mut Scene, volumes: &[VolumeSource]) {
             count(ui, "virtual", hint, &mut samples, 1..=u32::from(MOST_VIRTUAL_SAMPLES));
             scene.sampling.virtual_samples = samples as u8;
         }
-        if let Some(filter) =
-            menu(ui, "filter", "interpolation between voxels", (scene.sampling.filter, &FILTERS), |_| None)
-        {
-            scene.sampling.filter = filter;
-        }
+        choice(ui, "filter", "interpolation between voxels", &mut scene.sampling.filter, &FILTERS);
         jitter(ui, &mut scene.sampling.jitter);
         let hint = "rays of each pixel of a picture at rest: more make edges smoother, and take longer";
         if let Some(samples) = menu(ui, "samples", hint, (scene.pixel_samples.count(), &SAMPLES), |_| None) {
             scene.pixel_samples = PixelSamples::try_from(samples as u32).unwrap_or_default();
         }
         let hint = "distance of samples along a ray, in voxels of the finest layer: shorter is better and slower";
-        log_slider(ui, "step", hint, &mut scene.step, (0.1..=10.0, "vx"));
+        slider(ui, "step", hint, &mut scene.step, (Scale::Log, 0.1..=10.0, "vx"));
         let hint = "how many pixels a voxel may cover before a finer level is fetched: more is faster and coarser";
-        log_slider(ui, "pixel error", hint, &mut scene.pixel_error, (0.25..=32.0, "px"));
+        slider(ui, "pixel error", hint, &mut scene.pixel_error, (Scale::Log, 0.25..=32.0, "px"));
         level(ui, scene, volumes);
     });
 }
@@ -103,7 +99,5 @@ fn level(ui: &mut Ui, scene: &mut Scene, volumes: &[VolumeSource]) {
         .map(|(level, name)| (LevelPolicy::Locked(level), &**name, "this level everywhere, as far as memory allows"));
     let choices: Vec<_> = [auto].into_iter().chain(locked).collect();
     let hint = "the level of the data's pyramid; each is half as fine as the one before";
-    if let Some(level) = menu(ui, "level", hint, (scene.level, &choices), |_| None) {
-        scene.level = level;
-    }
+    choice(ui, "level", hint, &mut scene.level, &choices);
 }

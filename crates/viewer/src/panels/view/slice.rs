@@ -1,8 +1,9 @@
 //! A slice: a plane through everything, or a slab about it, across an axis or oblique.
 
-use super::World;
+use super::{World, moved};
 use crate::panels::mending::set_mode;
-use crate::panels::widgets::{count, group, menu, number, row, slider, vector};
+use crate::panels::widgets::{count, group, menu, number, row, vector};
+use crate::planes::Grid;
 use brickyard::session::VolumeSource;
 use brickyard::volume::scene::VolumePlace;
 use brickyard::volume::{Mode, Scene, Slice};
@@ -119,13 +120,7 @@ fn position(ui: &mut Ui, slice: &mut Slice, scene: &Scene, volumes: &[VolumeSour
         Cut::Across(axis) => DVec3::AXES[axis],
         _ => slice.normal.normalize_or_zero(),
     };
-    let (least, greatest) = world.extent_along(along);
-    let before = along.dot(slice.point);
-    let mut at = before;
-    slider(ui, "position", "where the slice is, along its normal", &mut at, (least..=greatest, world.unit));
-    if at != before {
-        slice.point += along * (at - before);
-    }
+    slice.point += moved(ui, "where the slice is, along its normal", along, slice.point, world);
     let Some(voxels) = Voxels::new(scene, volumes, slice.point, along) else { return };
     let mut index = voxels.place.floor().clamp(0.0, f64::from(voxels.count - 1)) as u32;
     let hint = format!("the voxel along the axis, of {}, from 0", voxels.count);
@@ -146,14 +141,11 @@ struct Voxels {
 impl Voxels {
     /// The voxels of the first visible layer; `None` if the slice is askew to them.
     fn new(scene: &Scene, volumes: &[VolumeSource], point: DVec3, along: DVec3) -> Option<Self> {
-        let layer = scene.layers.iter().position(|layer| layer.visible)?;
-        let volume = volumes.get(scene.store(layer))?;
-        let placement = scene.placement(layer, &volume.place()).ok()?;
-        let voxel = |world: DVec3| volume.source.geometry().voxel_from_world(placement.volume_from_world(world));
-        let (first, step) = (voxel(point), voxel(point + along) - voxel(point));
+        let grid = Grid::of(scene, volumes)?;
+        let first = grid.voxel_from_world(point);
+        let step = grid.voxel_from_world(point + along) - first;
         let axis = (0..3).max_by(|a, b| step[*a].abs().total_cmp(&step[*b].abs()))?;
         let is_askew = (0..3).any(|other| other != axis && step[other].abs() > 1e-6 * step[axis].abs());
-        let count = volume.source.pyramid().levels()[0].extent.to_array()[axis];
-        (!is_askew).then_some(Self { count, place: first[axis], per_length: step[axis] })
+        (!is_askew).then_some(Self { count: grid.extent[axis], place: first[axis], per_length: step[axis] })
     }
 }
