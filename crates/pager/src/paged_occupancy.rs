@@ -11,7 +11,9 @@
 
 use crate::leave::Threads;
 use crate::source::{BrickError, BrickSource};
-use brickyard_volume::{BrickId, Geometry, Level, Occupancy, PAGE_EDGE_BRICKS, PageId, Pyramid, VoxelType};
+use brickyard_volume::{
+    BrickId, Geometry, Level, Occupancy, OccupancyBins, PAGE_EDGE_BRICKS, PageId, Pyramid, VoxelType,
+};
 use crossbeam_channel::{Receiver, Sender, bounded, unbounded};
 use lru::LruCache;
 use std::num::NonZeroUsize;
@@ -138,7 +140,6 @@ impl Pages {
     }
 }
 
-/// A source for cuts: all that only readers of values ask is left at its default.
 impl BrickSource for PagedOccupancy {
     fn pyramid(&self) -> &Pyramid {
         self.source.pyramid()
@@ -152,11 +153,24 @@ impl BrickSource for PagedOccupancy {
     fn value_range(&self) -> (f64, f64) {
         self.source.value_range()
     }
+    fn is_labels(&self) -> bool {
+        self.source.is_labels()
+    }
+    fn has_non_finite(&self) -> bool {
+        self.source.has_non_finite()
+    }
+
+    fn nodata(&self) -> Option<f64> {
+        self.source.nodata()
+    }
     fn times(&self) -> u32 {
         self.source.times()
     }
     fn channels(&self) -> u32 {
         self.source.channels()
+    }
+    fn occupancy_bins(&self, channel: u32) -> OccupancyBins {
+        self.source.occupancy_bins(channel)
     }
 
     /// Occupancy of a brick, or of its nearest ancestor with a page. Never waits.
@@ -173,8 +187,32 @@ impl BrickSource for PagedOccupancy {
         }
     }
 
+    fn read_occupancy(&self, page: PageId) -> Result<Vec<Occupancy>, BrickError> {
+        self.source.read_occupancy(page)
+    }
+    fn keeps_hashes(&self) -> bool {
+        self.source.keeps_hashes()
+    }
+    fn read_hashes(&self, page: PageId) -> Result<Vec<u128>, BrickError> {
+        self.source.read_hashes(page)
+    }
+    fn advise(&self, ids: &[BrickId]) {
+        self.source.advise(ids);
+    }
     fn read_core(&self, id: BrickId, out: &mut [u8]) -> Result<(), BrickError> {
         self.source.read_core(id, out)
+    }
+    fn stored_apron(&self) -> u32 {
+        self.source.stored_apron()
+    }
+    fn read_apron(&self, id: BrickId, out: &mut [u8]) -> Result<(), BrickError> {
+        self.source.read_apron(id, out)
+    }
+    fn bytes_read(&self) -> u64 {
+        self.source.bytes_read()
+    }
+    fn cache_bytes(&self) -> u64 {
+        self.source.cache_bytes()
     }
 }
 
