@@ -200,7 +200,7 @@ impl Walk {
         let Range { start, end } = self.pending;
         let end = end.min(start + CHUNK as i32);
         self.pending.start = end;
-        self.stretch.place_samples::<true>(parts[0].frame, ray, &mut self.chunk, start..end);
+        self.stretch.place_samples(parts[0].frame, ray, &mut self.chunk, start..end, true);
         grid.locate(self.stretch.origin, self.stretch.step, &mut self.chunk);
         for (p, blocks) in (0..).zip(&mut self.blocks).take(self.chunk.packets) {
             let first = start + p * LANES as i32;
@@ -268,37 +268,32 @@ fn march(parts: &[Part<'_, '_>], walks: &mut [Walk], rays: &mut [Ray; PIXELS]) {
 fn take_of(frame: &Frame<'_>) -> Take {
     let encoding = &frame.settings.encoding;
     match (encoding.format, encoding.has_invalid) {
-        (SlotFormat::U8, false) => for_machine::<Code8, false>(),
-        (SlotFormat::U8, true) => for_machine::<Code8, true>(),
-        (SlotFormat::U16, false) => for_machine::<Code16, false>(),
-        (SlotFormat::U16, true) => for_machine::<Code16, true>(),
+        (SlotFormat::U8, false) => for_machine::<Code8<false>>(),
+        (SlotFormat::U8, true) => for_machine::<Code8<true>>(),
+        (SlotFormat::U16, false) => for_machine::<Code16<false>>(),
+        (SlotFormat::U16, true) => for_machine::<Code16<true>>(),
         // One function for both: testing a voxel for a value costs little beside the fetch.
-        (SlotFormat::F32, _) => for_machine::<Float32, true>(),
+        (SlotFormat::F32, _) => for_machine::<Float32>(),
     }
 }
 
-fn for_machine<C: Code, const INVALID: bool>() -> Take {
+fn for_machine<C: Code>() -> Take {
     #[cfg(target_arch = "x86_64")]
     if std::arch::is_x86_feature_detected!("avx2") {
         // SAFETY: the machine has AVX2.
-        return |part, packets, chunk, media| unsafe { take_avx2::<C, INVALID>(part, packets, chunk, media) };
+        return |part, packets, chunk, media| unsafe { take_avx2::<C>(part, packets, chunk, media) };
     }
-    take::<C, Portable, INVALID>
+    take::<C, Portable>
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2")]
-fn take_avx2<C: Code, const INVALID: bool>(
-    part: &Part<'_, '_>,
-    packets: u32,
-    chunk: &mut SampleChunk,
-    media: &mut Media,
-) {
-    take::<C, Avx2, INVALID>(part, packets, chunk, media);
+fn take_avx2<C: Code>(part: &Part<'_, '_>, packets: u32, chunk: &mut SampleChunk, media: &mut Media) {
+    take::<C, Avx2>(part, packets, chunk, media);
 }
 
 #[inline(always)]
-fn take<C: Code, U: Unit, const INVALID: bool>(
+fn take<C: Code, U: Unit>(
     Part { frame, cell, share, .. }: &Part<'_, '_>,
     packets: u32,
     chunk: &mut SampleChunk,
@@ -307,9 +302,9 @@ fn take<C: Code, U: Unit, const INVALID: bool>(
     let brick = Brick::new::<C>(cell.brick.voxels(), frame.edge + 2 * frame.apron, frame.map);
     let weight = chunk.weight;
     // SAFETY: the samples have been located in a brick of the same size.
-    unsafe { brick.sample_located::<C, U, INVALID>(packets, chunk) };
+    unsafe { brick.sample_located::<C, U>(packets, chunk) };
     add_fog::<U>(frame, *share, packets, chunk, &mut media.mixed, &mut media.is_any);
-    if INVALID {
+    if C::INVALID {
         chunk.weight = weight;
     }
 }

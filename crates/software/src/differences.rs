@@ -22,7 +22,7 @@ impl Brick<'_> {
     /// Places less than a voxel from the padded brick's faces are moved inwards. The middle's code replaces missing
     /// values.
     #[inline(always)]
-    pub(crate) fn central_differences<C: Code, U: Unit, const INVALID: bool>(
+    pub(crate) fn central_differences<C: Code, U: Unit>(
         &self,
         points: &[Packet; 3],
         middle: &Packet,
@@ -30,9 +30,9 @@ impl Brick<'_> {
     ) {
         let (voxel, t) = self.voxels_around(points);
         // SAFETY: such are the returned voxels.
-        let odd = unsafe { self.shared_differences::<C, INVALID>(&voxel, &t, differences) };
-        if INVALID && odd > 0.0 {
-            self.six_samples::<C, U, INVALID>(points, middle, differences);
+        let odd = unsafe { self.shared_differences::<C>(&voxel, &t, differences) };
+        if C::INVALID && odd > 0.0 {
+            self.six_samples::<C, U>(points, middle, differences);
         }
     }
 
@@ -53,13 +53,13 @@ impl Brick<'_> {
         (voxel, t)
     }
 
-    /// [`Brick::central_differences`] at the given voxels and fractions towards their upper neighbours. With `INVALID`,
-    /// returns how many of the voxels read are no codes; if any are, the differences are useless.
+    /// [`Brick::central_differences`] at the given voxels and fractions towards their upper neighbours. Returns
+    /// how many of the voxels read are no codes, if voxels may have no value; if any are, the differences are useless.
     ///
     /// # Safety
     /// Every index is that of a voxel with a lower neighbour and two upper ones along each axis.
     #[inline(always)]
-    unsafe fn shared_differences<C: Code, const INVALID: bool>(
+    unsafe fn shared_differences<C: Code>(
         &self,
         voxel: &[i32; LANES],
         t: &[Packet; 3],
@@ -76,12 +76,7 @@ impl Brick<'_> {
                 let at = k as isize * slice + y as isize * row;
                 // SAFETY: by the caller's promise these voxels and their neighbours are inside the brick.
                 unsafe {
-                    self.line_and_difference::<C, INVALID>(
-                        (voxel, at),
-                        &t[0],
-                        [&mut line[k][y], &mut along[k][y]],
-                        &mut odd,
-                    );
+                    self.line_and_difference::<C>((voxel, at), &t[0], [&mut line[k][y], &mut along[k][y]], &mut odd);
                 };
             }
             for side in 0..2 {
@@ -89,8 +84,8 @@ impl Brick<'_> {
                 let [at_y, at_z] = [k as isize * slice + far * row, far * slice + k as isize * row];
                 // SAFETY: the same.
                 unsafe {
-                    self.line::<C, INVALID>((voxel, at_y), &t[0], &mut beside_y[k][side], &mut odd);
-                    self.line::<C, INVALID>((voxel, at_z), &t[0], &mut beside_z[side][k], &mut odd);
+                    self.line::<C>((voxel, at_y), &t[0], &mut beside_y[k][side], &mut odd);
+                    self.line::<C>((voxel, at_z), &t[0], &mut beside_z[side][k], &mut odd);
                 }
             }
         }
@@ -134,7 +129,7 @@ impl Brick<'_> {
     /// # Safety
     /// The voxels there and their upper neighbours are inside the brick.
     #[inline(always)]
-    unsafe fn line<C: Code, const INVALID: bool>(
+    unsafe fn line<C: Code>(
         &self,
         (voxel, at): (&[i32; LANES], isize),
         t: &Packet,
@@ -143,7 +138,7 @@ impl Brick<'_> {
     ) {
         let [mut near, mut far] = [[0.0; LANES]; 2];
         // SAFETY: the caller's promise.
-        unsafe { self.pairs::<C, INVALID>((voxel, at), [&mut near, &mut far], odd) };
+        unsafe { self.pairs::<C>((voxel, at), [&mut near, &mut far], odd) };
         for i in 0..LANES {
             mixed[i] = mix(near[i], far[i], t[i]);
         }
@@ -154,7 +149,7 @@ impl Brick<'_> {
     /// # Safety
     /// The voxels there have a lower neighbour and two upper ones inside the brick.
     #[inline(always)]
-    unsafe fn line_and_difference<C: Code, const INVALID: bool>(
+    unsafe fn line_and_difference<C: Code>(
         &self,
         (voxel, at): (&[i32; LANES], isize),
         t: &Packet,
@@ -164,8 +159,8 @@ impl Brick<'_> {
         let [mut a, mut b, mut c, mut d] = [[0.0; LANES]; 4];
         // SAFETY: the caller's promise.
         unsafe {
-            self.pairs::<C, INVALID>((voxel, at - 1), [&mut a, &mut b], odd);
-            self.pairs::<C, INVALID>((voxel, at + 1), [&mut c, &mut d], odd);
+            self.pairs::<C>((voxel, at - 1), [&mut a, &mut b], odd);
+            self.pairs::<C>((voxel, at + 1), [&mut c, &mut d], odd);
         }
         for i in 0..LANES {
             mixed[i] = mix(b[i], c[i], t[i]);
@@ -173,13 +168,13 @@ impl Brick<'_> {
         }
     }
 
-    /// The numbers of the voxels at offset `at` from the given ones, and of their upper neighbours. With `INVALID`,
-    /// `odd` counts those that are no codes.
+    /// The numbers of the voxels at offset `at` from the given ones, and of their upper neighbours. `odd` counts
+    /// those that are no codes, if voxels may have no value.
     ///
     /// # Safety
     /// All these voxels are inside the brick.
     #[inline(always)]
-    pub(crate) unsafe fn pairs<C: Code, const INVALID: bool>(
+    pub(crate) unsafe fn pairs<C: Code>(
         &self,
         (voxel, at): (&[i32; LANES], isize),
         [near, far]: [&mut Packet; 2],
@@ -192,10 +187,10 @@ impl Brick<'_> {
             pair[i] = unsafe { C::pair(first.offset((voxel[i] as isize + at) * C::BYTES as isize)) };
         }
         for i in 0..LANES {
-            let (a, has_a) = C::part::<INVALID>(C::near(pair[i]), map);
-            let (b, has_b) = C::part::<INVALID>(C::far(pair[i]), map);
+            let (a, has_a) = C::part(C::near(pair[i]), map);
+            let (b, has_b) = C::part(C::far(pair[i]), map);
             (near[i], far[i]) = (a, b);
-            if INVALID {
+            if C::INVALID {
                 let is_near = !C::IS_FLOAT | ((a.abs() < map.farthest) & (b.abs() < map.farthest));
                 odd[i] += if has_a & has_b & is_near { 0.0 } else { 1.0 };
             }
@@ -204,49 +199,29 @@ impl Brick<'_> {
 
     /// [`Brick::central_differences`] by six samples. Not inlined: it is large and rarely needed.
     #[inline(always)]
-    fn six_samples<C: Code, U: Unit, const INVALID: bool>(
-        &self,
-        points: &[Packet; 3],
-        middle: &Packet,
-        differences: &mut [Packet; 3],
-    ) {
+    fn six_samples<C: Code, U: Unit>(&self, points: &[Packet; 3], middle: &Packet, differences: &mut [Packet; 3]) {
         #[cfg(target_arch = "x86_64")]
         if U::AVX2 {
             // SAFETY: the machine has AVX2.
-            return unsafe { self.six_samples_avx2::<C, INVALID>(points, middle, differences) };
+            return unsafe { self.six_samples_avx2::<C>(points, middle, differences) };
         }
-        self.six_samples_portable::<C, INVALID>(points, middle, differences);
+        self.six_samples_portable::<C>(points, middle, differences);
     }
 
     #[cfg(target_arch = "x86_64")]
     #[target_feature(enable = "avx2")]
     #[inline(never)]
-    fn six_samples_avx2<C: Code, const INVALID: bool>(
-        &self,
-        points: &[Packet; 3],
-        middle: &Packet,
-        differences: &mut [Packet; 3],
-    ) {
-        self.six_samples_on::<C, Avx2, INVALID>(points, middle, differences);
+    fn six_samples_avx2<C: Code>(&self, points: &[Packet; 3], middle: &Packet, differences: &mut [Packet; 3]) {
+        self.six_samples_on::<C, Avx2>(points, middle, differences);
     }
 
     #[inline(never)]
-    fn six_samples_portable<C: Code, const INVALID: bool>(
-        &self,
-        points: &[Packet; 3],
-        middle: &Packet,
-        differences: &mut [Packet; 3],
-    ) {
-        self.six_samples_on::<C, Portable, INVALID>(points, middle, differences);
+    fn six_samples_portable<C: Code>(&self, points: &[Packet; 3], middle: &Packet, differences: &mut [Packet; 3]) {
+        self.six_samples_on::<C, Portable>(points, middle, differences);
     }
 
     #[inline(always)]
-    fn six_samples_on<C: Code, U: Unit, const INVALID: bool>(
-        &self,
-        points: &[Packet; 3],
-        middle: &Packet,
-        differences: &mut [Packet; 3],
-    ) {
+    fn six_samples_on<C: Code, U: Unit>(&self, points: &[Packet; 3], middle: &Packet, differences: &mut [Packet; 3]) {
         for a in 0..3 {
             let mut sides = [[0.0; LANES]; 2];
             for (side, codes) in [-1.0, 1.0].into_iter().zip(&mut sides) {
@@ -254,7 +229,7 @@ impl Brick<'_> {
                 for i in 0..LANES {
                     places[a][i] += side;
                 }
-                *codes = self.sample_points::<C, U, INVALID>(&places, &mut weight);
+                *codes = self.sample_points::<C, U>(&places, &mut weight);
                 for i in 0..LANES {
                     codes[i] = if weight[i] > 0.0 { codes[i] } else { middle[i] };
                 }
@@ -270,15 +245,15 @@ impl March<'_> {
     /// Computes the differences of the frame's operator across two voxels along each axis, at eight slot coordinates
     /// with these codes. Returns the codes whose rounding affects them: none for stored gradients.
     #[inline(always)]
-    pub(crate) fn differences<C: Code, U: Unit, const INVALID: bool>(
+    pub(crate) fn differences<C: Code, U: Unit>(
         &self,
         points: &[Packet; 3],
         code: &Packet,
         differences: &mut [Packet; 3],
     ) -> Packet {
         match self.frame.settings.lighting.gradient {
-            Gradient::Central => self.brick.central_differences::<C, U, INVALID>(points, code, differences),
-            Gradient::Sobel => self.brick.sobel_differences::<C, U, INVALID>(points, code, differences),
+            Gradient::Central => self.brick.central_differences::<C, U>(points, code, differences),
+            Gradient::Sobel => self.brick.sobel_differences::<C, U>(points, code, differences),
             Gradient::Stored => {
                 let stored = Gradients::new(self.cell.brick.gradients(), self.frame.gradients, self.frame.apron);
                 stored.packet::<U>(points, self.frame.gradient_scale, differences);
@@ -297,18 +272,18 @@ mod tests {
 
     const PADDED: usize = 7;
 
-    fn both_ways<C: Code, const INVALID: bool>(
+    fn both_ways<C: Code>(
         brick: &Brick<'_>,
         is_sobel: bool,
         (points, middle): (&[Packet; 3], &Packet),
     ) -> [[Packet; 3]; 2] {
         let [mut found, mut expected] = [[[0.0; LANES]; 3]; 2];
         if is_sobel {
-            brick.sobel_differences::<C, Portable, INVALID>(points, middle, &mut found);
-            brick.sobel_samples::<C, Portable, INVALID>(points, middle, &mut expected);
+            brick.sobel_differences::<C, Portable>(points, middle, &mut found);
+            brick.sobel_samples::<C, Portable>(points, middle, &mut expected);
         } else {
-            brick.central_differences::<C, Portable, INVALID>(points, middle, &mut found);
-            brick.six_samples::<C, Portable, INVALID>(points, middle, &mut expected);
+            brick.central_differences::<C, Portable>(points, middle, &mut found);
+            brick.six_samples::<C, Portable>(points, middle, &mut expected);
         }
         [found, expected]
     }
@@ -330,12 +305,9 @@ mod tests {
             points.as_flattened_mut().iter_mut().for_each(|v| *v = 1.0 + noise() as f32 / 65535.0 * 3.99);
             let places = (&points, &[0.0; LANES]);
             for is_sobel in [false, true] {
-                let without = both_ways::<C, false>(&brick, is_sobel, places);
-                let with = both_ways::<C, true>(&brick, is_sobel, places);
-                for [found, expected] in [without, with] {
-                    for (found, expected) in found.as_flattened().iter().zip(expected.as_flattened()) {
-                        worst = worst.max((found - expected).abs());
-                    }
+                let [found, expected] = both_ways::<C>(&brick, is_sobel, places);
+                for (found, expected) in found.as_flattened().iter().zip(expected.as_flattened()) {
+                    worst = worst.max((found - expected).abs());
                 }
             }
         }
@@ -346,8 +318,10 @@ mod tests {
 
     #[test]
     fn shared_voxels_give_the_differences_of_samples() {
-        both::<Code8>();
-        both::<Code16>();
+        both::<Code8<false>>();
+        both::<Code8<true>>();
+        both::<Code16<false>>();
+        both::<Code16<true>>();
     }
 
     #[test]
@@ -370,7 +344,7 @@ mod tests {
             let mut points = [[0.0; LANES]; 3];
             points.as_flattened_mut().iter_mut().for_each(|v| *v = 1.0 + noise() as f32 / 65535.0 * 3.99);
             for (is_sobel, different) in [false, true].into_iter().zip(&mut different) {
-                let [found, expected] = both_ways::<Float32, true>(&brick, is_sobel, (&points, &[100.0; LANES]));
+                let [found, expected] = both_ways::<Float32>(&brick, is_sobel, (&points, &[100.0; LANES]));
                 *different += (found != expected) as u32;
                 for (found, expected) in found.as_flattened().iter().zip(expected.as_flattened()) {
                     // Numbers of up to 800 are interpolated to within 2^-14 of one, and are 64 codes each.
@@ -388,11 +362,11 @@ mod tests {
     fn places_outside_are_moved_in() {
         let map = CodeMap { first: 0.0, per_number: 1.0, farthest: f32::MAX };
         let codes: Vec<u8> = (0..PADDED.pow(3)).map(|i| (i % PADDED * 9 + i / PADDED % PADDED * 4) as u8).collect();
-        let brick = Brick::new::<Code8>(&codes, PADDED as u32, map);
+        let brick = Brick::new::<Code8<false>>(&codes, PADDED as u32, map);
         let far = [-1e9, f32::NAN, 0.0, 0.5, 6.0, 1e9, f32::INFINITY, f32::NEG_INFINITY];
         let rounding = 1e-3;
         for is_sobel in [false, true] {
-            let [found, _] = both_ways::<Code8, false>(&brick, is_sobel, (&[far; 3], &[0.0; LANES]));
+            let [found, _] = both_ways::<Code8<false>>(&brick, is_sobel, (&[far; 3], &[0.0; LANES]));
             for (found, expected) in found.iter().zip([18.0, 8.0, 0.0]) {
                 assert!(found.iter().all(|v| (v - expected).abs() < rounding), "{found:?}");
             }

@@ -108,7 +108,7 @@ trait Look {
     const ENDS: bool;
 
     /// Takes some segments of a way's stretch; `at` is the place in the chunk of the stretch's first.
-    fn take<C: Code, U: Unit, const INVALID: bool>(
+    fn take<C: Code, U: Unit>(
         march: &March<'_>,
         way: &mut Way,
         segments: Range<i32>,
@@ -121,27 +121,27 @@ trait Look {
 /// Returns this machine's function for gathering a layer, in a picture with or without surfaces, or for an expression
 /// reading the layer's values.
 pub(crate) fn gather_of(frame: &Frame<'_>, has_surfaces: bool, is_read: bool) -> Gather {
-    fn with_code<C: Code, const INVALID: bool>(frame: &Frame<'_>, has_surfaces: bool, is_read: bool) -> Gather {
+    fn with_code<C: Code>(frame: &Frame<'_>, has_surfaces: bool, is_read: bool) -> Gather {
         let method = frame.settings.method();
         if is_read {
-            return for_machine::<C, Read, INVALID>();
+            return for_machine::<C, Read>();
         }
         if is_plain(frame) && !has_surfaces {
-            return for_machine::<C, Plain, INVALID>();
+            return for_machine::<C, Plain>();
         }
         match method.curve() == Curve::Middle && frame.settings.surfaces.is_empty() {
-            true => for_machine::<C, Any<false>, INVALID>(),
-            false => for_machine::<C, Any<true>, INVALID>(),
+            true => for_machine::<C, Any<false>>(),
+            false => for_machine::<C, Any<true>>(),
         }
     }
     let encoding = &frame.settings.encoding;
     match (encoding.format, encoding.has_invalid) {
-        (SlotFormat::U8, false) => with_code::<Code8, false>(frame, has_surfaces, is_read),
-        (SlotFormat::U8, true) => with_code::<Code8, true>(frame, has_surfaces, is_read),
-        (SlotFormat::U16, false) => with_code::<Code16, false>(frame, has_surfaces, is_read),
-        (SlotFormat::U16, true) => with_code::<Code16, true>(frame, has_surfaces, is_read),
+        (SlotFormat::U8, false) => with_code::<Code8<false>>(frame, has_surfaces, is_read),
+        (SlotFormat::U8, true) => with_code::<Code8<true>>(frame, has_surfaces, is_read),
+        (SlotFormat::U16, false) => with_code::<Code16<false>>(frame, has_surfaces, is_read),
+        (SlotFormat::U16, true) => with_code::<Code16<true>>(frame, has_surfaces, is_read),
         // One function for both: testing a voxel for a value costs little beside the fetch.
-        (SlotFormat::F32, _) => with_code::<Float32, true>(frame, has_surfaces, is_read),
+        (SlotFormat::F32, _) => with_code::<Float32>(frame, has_surfaces, is_read),
     }
 }
 
@@ -152,20 +152,20 @@ pub(crate) fn is_plain(frame: &Frame<'_>) -> bool {
     is_bare && settings.mode == Mode::Dvr && settings.method() == Method::Udvr
 }
 
-fn for_machine<C: Code, L: Look, const INVALID: bool>() -> Gather {
+fn for_machine<C: Code, L: Look>() -> Gather {
     #[cfg(target_arch = "x86_64")]
     if std::arch::is_x86_feature_detected!("avx2") {
         // SAFETY: the machine has AVX2.
         return |frame, cell, way, run, at, chunk, media| unsafe {
-            gather_avx2::<C, L, INVALID>(frame, cell, way, run, at, chunk, media);
+            gather_avx2::<C, L>(frame, cell, way, run, at, chunk, media);
         };
     }
-    gather::<C, Portable, L, INVALID>
+    gather::<C, Portable, L>
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2")]
-fn gather_avx2<C: Code, L: Look, const INVALID: bool>(
+fn gather_avx2<C: Code, L: Look>(
     frame: &Frame<'_>,
     cell: &Cell<'_>,
     way: &mut Way,
@@ -174,11 +174,11 @@ fn gather_avx2<C: Code, L: Look, const INVALID: bool>(
     chunk: &mut SampleChunk,
     media: &mut Media,
 ) {
-    gather::<C, Avx2, L, INVALID>(frame, cell, way, run, at, chunk, media);
+    gather::<C, Avx2, L>(frame, cell, way, run, at, chunk, media);
 }
 
 #[inline(always)]
-fn gather<C: Code, U: Unit, L: Look, const INVALID: bool>(
+fn gather<C: Code, U: Unit, L: Look>(
     frame: &Frame<'_>,
     cell: &Cell<'_>,
     way: &mut Way,
@@ -199,7 +199,7 @@ fn gather<C: Code, U: Unit, L: Look, const INVALID: bool>(
         let first = at as i32 + ((tick - run.start) >> zone) as i32 - ((tick - start) >> zone) as i32;
         while let Some(segments) = way.next_seen(((until - start) >> zone) as i32) {
             let seen = media.end;
-            L::take::<C, U, INVALID>(&march, way, segments, first, chunk, media);
+            L::take::<C, U>(&march, way, segments, first, chunk, media);
             if media.end < seen {
                 return;
             }
@@ -215,7 +215,7 @@ impl Look for Plain {
     const ENDS: bool = false;
 
     #[inline(always)]
-    fn take<C: Code, U: Unit, const INVALID: bool>(
+    fn take<C: Code, U: Unit>(
         march: &March<'_>,
         way: &mut Way,
         segments: Range<i32>,
@@ -224,7 +224,7 @@ impl Look for Plain {
         media: &mut Media,
     ) {
         let first = (at + segments.start) as usize;
-        sample::<C, U, INVALID>(march, way, segments, chunk);
+        sample::<C, U>(march, way, segments, chunk);
         add_fog::<U>(march.frame, 1.0, ALL_PACKETS, chunk, &mut media.mixed[first..], &mut media.is_any);
     }
 }
@@ -271,7 +271,7 @@ impl<const ENDS: bool> Look for Any<ENDS> {
     const ENDS: bool = ENDS;
 
     #[inline(always)]
-    fn take<C: Code, U: Unit, const INVALID: bool>(
+    fn take<C: Code, U: Unit>(
         march: &March<'_>,
         Way { ray, stretch, .. }: &mut Way,
         segments: Range<i32>,
@@ -282,13 +282,13 @@ impl<const ENDS: bool> Look for Any<ENDS> {
         let has_fog = march.frame.settings.mode == Mode::Dvr;
         let path = Path::new(march, stretch, ray);
         (media.alone.blend, media.alone.first) = (march.frame.blend, at);
-        stretch.reach(ray, &segments, INVALID && march.frame.settings.encoding.has_invalid);
+        stretch.reach(ray, &segments, C::INVALID && march.frame.settings.encoding.has_invalid);
         let mut pieces = Pieces::new(march, stretch, path, segments);
-        while let Some(piece) = pieces.next::<C, U, INVALID>(ray) {
+        while let Some(piece) = pieces.next::<C, U>(ray) {
             if has_fog {
                 let mut next = piece.segments.start;
                 while next < piece.segments.end {
-                    next = piece.path.row::<C, U, INVALID>(next..piece.segments.end, &mut chunk.media);
+                    next = piece.path.row::<C, U>(next..piece.segments.end, &mut chunk.media);
                     chunk.media.drain(..).for_each(|passed| media.alone.pass(passed));
                 }
                 for segment in piece.segments.clone() {
@@ -297,7 +297,7 @@ impl<const ENDS: bool> Look for Any<ENDS> {
             }
             if let (Some(crossing), Some(found)) = (piece.surface, &mut media.found) {
                 let segment = media.alone.place(piece.segments.start);
-                let shown = path.surface::<C, U, INVALID>(crossing);
+                let shown = path.surface::<C, U>(crossing);
                 let at = Meeting::new(path.distance(crossing.along), crossing.is_cap, march.frame.ticks.step);
                 found.surfaces.push(Met { segment, at, shown });
                 if shown.w >= 1.0 {
@@ -316,7 +316,7 @@ impl Look for Read {
     const ENDS: bool = false;
 
     #[inline(always)]
-    fn take<C: Code, U: Unit, const INVALID: bool>(
+    fn take<C: Code, U: Unit>(
         march: &March<'_>,
         way: &mut Way,
         segments: Range<i32>,
@@ -324,7 +324,7 @@ impl Look for Read {
         chunk: &mut SampleChunk,
         media: &mut Media,
     ) {
-        sample::<C, U, INVALID>(march, way, segments.clone(), chunk);
+        sample::<C, U>(march, way, segments.clone(), chunk);
         let (read, is_lit) = (media.values.len() / CHUNK, march.frame.is_lit);
         let path = is_lit.then(|| Path::new(march, &way.stretch, &way.ray));
         for (i, segment) in segments.enumerate().take(CHUNK) {
@@ -340,7 +340,7 @@ impl Look for Read {
                     let gradient = match march.frame.reading {
                         // Labels are flat between their borders.
                         Reading::Label => DVec3::ZERO,
-                        Reading::Filtered(_) => path.gradient::<C, U, INVALID>(segment, code),
+                        Reading::Filtered(_) => path.gradient::<C, U>(segment, code),
                     };
                     media.gradients[place * read + way.layer] = gradient;
                 }
@@ -350,13 +350,13 @@ impl Look for Read {
 }
 
 #[inline(always)]
-fn sample<C: Code, U: Unit, const INVALID: bool>(
+fn sample<C: Code, U: Unit>(
     march: &March<'_>,
     Way { ray, stretch, .. }: &Way,
     segments: Range<i32>,
     chunk: &mut SampleChunk,
 ) {
     let Stretch { origin, step, .. } = *stretch;
-    stretch.place_samples::<INVALID>(march.frame, ray, chunk, segments);
-    march.brick.read::<C, U, INVALID>(march.frame.reading, origin, step, chunk);
+    stretch.place_samples(march.frame, ray, chunk, segments, C::INVALID);
+    march.brick.read::<C, U>(march.frame.reading, origin, step, chunk);
 }

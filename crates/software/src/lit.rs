@@ -24,7 +24,7 @@ pub(crate) fn is_lit_plainly(frame: &Frame<'_>) -> bool {
 
 /// Passes light through the visible packets of a chunk. A call of its own on each vector unit: it is large.
 #[inline(always)]
-pub(crate) fn see<C: Code, U: Unit, const INVALID: bool>(
+pub(crate) fn see<C: Code, U: Unit>(
     march: &March<'_>,
     stretch: &Stretch,
     ray: &Ray,
@@ -34,26 +34,20 @@ pub(crate) fn see<C: Code, U: Unit, const INVALID: bool>(
     #[cfg(target_arch = "x86_64")]
     if U::AVX2 {
         // SAFETY: the machine has AVX2.
-        return unsafe { see_avx2::<C, INVALID>(march, stretch, ray, chunk, shows) };
+        return unsafe { see_avx2::<C>(march, stretch, ray, chunk, shows) };
     }
-    see_on::<C, Portable, INVALID>(march, stretch, ray, chunk, shows)
+    see_on::<C, Portable>(march, stretch, ray, chunk, shows)
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2")]
 #[inline(never)]
-fn see_avx2<C: Code, const INVALID: bool>(
-    march: &March<'_>,
-    stretch: &Stretch,
-    ray: &Ray,
-    chunk: &mut SampleChunk,
-    shows: u32,
-) -> Vec4 {
-    see_on::<C, Avx2, INVALID>(march, stretch, ray, chunk, shows)
+fn see_avx2<C: Code>(march: &March<'_>, stretch: &Stretch, ray: &Ray, chunk: &mut SampleChunk, shows: u32) -> Vec4 {
+    see_on::<C, Avx2>(march, stretch, ray, chunk, shows)
 }
 
 #[inline(always)]
-fn see_on<C: Code, U: Unit, const INVALID: bool>(
+fn see_on<C: Code, U: Unit>(
     march: &March<'_>,
     stretch: &Stretch,
     ray: &Ray,
@@ -70,7 +64,7 @@ fn see_on<C: Code, U: Unit, const INVALID: bool>(
             continue;
         }
         let along = &chunk.along[p];
-        light_packet::<C, U, INVALID>(march, stretch, &shade, (along, &chunk.code[p]), &mut shaded);
+        light_packet::<C, U>(march, stretch, &shade, (along, &chunk.code[p]), &mut shaded);
         for i in 0..LANES {
             let step = chunk.entry[p][i];
             color += shade.lit(&shaded, i, step, 1.0 - step.w) * light;
@@ -84,7 +78,7 @@ fn see_on<C: Code, U: Unit, const INVALID: bool>(
 }
 
 #[inline(always)]
-fn light_packet<C: Code, U: Unit, const INVALID: bool>(
+fn light_packet<C: Code, U: Unit>(
     march: &March<'_>,
     stretch: &Stretch,
     shade: &Shade<'_>,
@@ -100,6 +94,6 @@ fn light_packet<C: Code, U: Unit, const INVALID: bool>(
     for i in 0..LANES {
         distance[i] = stretch.middle as f32 + along[i] * stretch.length as f32;
     }
-    let rounded = march.differences::<C, U, INVALID>(&points, code, &mut differences);
+    let rounded = march.differences::<C, U>(&points, code, &mut differences);
     shade.packet(&differences, (&distance, &rounded), shaded);
 }

@@ -57,34 +57,34 @@ impl MarchTile {
 
 /// Chooses the march for this frame's layer on this machine.
 pub(crate) fn for_frame(frame: &Frame<'_>) -> MarchTile {
-    fn with_code<C: Code, const INVALID: bool>(frame: &Frame<'_>) -> MarchTile {
+    fn with_code<C: Code>(frame: &Frame<'_>) -> MarchTile {
         let method = frame.settings.method();
         let is_bare = !frame.is_lit && frame.grid.is_none();
         let is_plain = method == Method::Udvr && frame.reading != Reading::Filtered(Filter::Tricubic) && is_bare;
         match frame.settings.mode {
-            Mode::Isosurface if frame.is_one_opaque_surface => for_machine::<C, Isosurface, INVALID>(),
-            Mode::Isosurface => for_machine::<C, Medium<true>, INVALID>(),
-            Mode::Dvr if !frame.settings.surfaces.is_empty() => for_machine::<C, Medium<true>, INVALID>(),
-            Mode::Dvr if is_plain || is_lit_plainly(frame) => for_machine::<C, Dvr, INVALID>(),
-            Mode::Dvr if method.curve() == Curve::Middle => for_machine::<C, Medium<false>, INVALID>(),
-            Mode::Dvr => for_machine::<C, Medium<true>, INVALID>(),
-            Mode::Mip => for_machine::<C, Mip, INVALID>(),
-            Mode::MinIp => for_machine::<C, MinIp, INVALID>(),
-            Mode::Average => for_machine::<C, Average, INVALID>(),
+            Mode::Isosurface if frame.is_one_opaque_surface => for_machine::<C, Isosurface>(),
+            Mode::Isosurface => for_machine::<C, Medium<true>>(),
+            Mode::Dvr if !frame.settings.surfaces.is_empty() => for_machine::<C, Medium<true>>(),
+            Mode::Dvr if is_plain || is_lit_plainly(frame) => for_machine::<C, Dvr>(),
+            Mode::Dvr if method.curve() == Curve::Middle => for_machine::<C, Medium<false>>(),
+            Mode::Dvr => for_machine::<C, Medium<true>>(),
+            Mode::Mip => for_machine::<C, Mip>(),
+            Mode::MinIp => for_machine::<C, MinIp>(),
+            Mode::Average => for_machine::<C, Average>(),
         }
     }
     let encoding = &frame.settings.encoding;
     match (encoding.format, encoding.has_invalid) {
-        (SlotFormat::U8, false) => with_code::<Code8, false>(frame),
-        (SlotFormat::U8, true) => with_code::<Code8, true>(frame),
-        (SlotFormat::U16, false) => with_code::<Code16, false>(frame),
-        (SlotFormat::U16, true) => with_code::<Code16, true>(frame),
+        (SlotFormat::U8, false) => with_code::<Code8<false>>(frame),
+        (SlotFormat::U8, true) => with_code::<Code8<true>>(frame),
+        (SlotFormat::U16, false) => with_code::<Code16<false>>(frame),
+        (SlotFormat::U16, true) => with_code::<Code16<true>>(frame),
         // One function for both: testing a voxel for a value costs little beside the fetch.
-        (SlotFormat::F32, _) => with_code::<Float32, true>(frame),
+        (SlotFormat::F32, _) => with_code::<Float32>(frame),
     }
 }
 
-fn for_machine<C: Code, B: Accumulate, const INVALID: bool>() -> MarchTile {
+fn for_machine<C: Code, B: Accumulate>() -> MarchTile {
     #[cfg(target_arch = "x86_64")]
     if std::arch::is_x86_feature_detected!("avx2") {
         return MarchTile {
@@ -96,16 +96,16 @@ fn for_machine<C: Code, B: Accumulate, const INVALID: bool>() -> MarchTile {
                 through: through::<C>,
                 // SAFETY: the machine has AVX2.
                 take: |march, stretch, ray, chunk, segments| unsafe {
-                    take_avx2::<C, B, INVALID>(march, stretch, ray, chunk, segments);
+                    take_avx2::<C, B>(march, stretch, ray, chunk, segments);
                 },
             },
         };
     }
-    portable::<C, B, INVALID>()
+    portable::<C, B>()
 }
 
-fn portable<C: Code, B: Accumulate, const INVALID: bool>() -> MarchTile {
-    MarchTile { march: march::<B>, sampler: Sampler { through: through::<C>, take: B::take::<C, Portable, INVALID> } }
+fn portable<C: Code, B: Accumulate>() -> MarchTile {
+    MarchTile { march: march::<B>, sampler: Sampler { through: through::<C>, take: B::take::<C, Portable> } }
 }
 
 fn through<'a, C: Code>(frame: &'a Frame<'a>, cell: &'a Cell<'a>) -> March<'a> {
@@ -114,14 +114,14 @@ fn through<'a, C: Code>(frame: &'a Frame<'a>, cell: &'a Cell<'a>) -> March<'a> {
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2")]
-fn take_avx2<C: Code, B: Accumulate, const INVALID: bool>(
+fn take_avx2<C: Code, B: Accumulate>(
     march: &March<'_>,
     stretch: &Stretch,
     ray: &mut Ray,
     chunk: &mut SampleChunk,
     segments: Range<i32>,
 ) {
-    B::take::<C, Avx2, INVALID>(march, stretch, ray, chunk, segments);
+    B::take::<C, Avx2>(march, stretch, ray, chunk, segments);
 }
 
 #[cfg(target_arch = "x86_64")]
@@ -334,18 +334,18 @@ mod tests {
     use glam::DVec3;
 
     /// Checks that all vector units draw the same picture.
-    fn same_on_all_units<C: Code, B: Accumulate, const INVALID: bool>(mode: Mode, surfaces: &[f64]) {
-        same_when_lit::<C, B, INVALID>(mode, surfaces, Lighting::default());
+    fn same_on_all_units<C: Code, B: Accumulate>(mode: Mode, surfaces: &[f64]) {
+        same_when_lit::<C, B>(mode, surfaces, Lighting::default());
     }
 
-    fn same_when_lit<C: Code, B: Accumulate, const INVALID: bool>(mode: Mode, surfaces: &[f64], lighting: Lighting) {
+    fn same_when_lit<C: Code, B: Accumulate>(mode: Mode, surfaces: &[f64], lighting: Lighting) {
         let voxel_type = [VoxelType::U8, VoxelType::U16, VoxelType::F32][C::BYTES / 2];
         // Less than half of the codes, around the visible values, so that codes are not counted from 0.
         let share = if mode == Mode::MinIp { [0.05, 0.5] } else { [0.4, 0.88] };
         let most = [255.0, 65535.0, 250.0][C::BYTES / 2];
         let window = Some(Window::of(share.map(|share| share * most)));
         let mut encoding = SlotEncoding::new(voxel_type, (0.0, 1e9), false).for_window(window, KeptSlots::default());
-        encoding.has_invalid = INVALID;
+        encoding.has_invalid = C::INVALID;
         let transfer = TransferFunction::preset("viridis", encoding.table_values().into(), 3.0).unwrap();
         let projection = Projection::Perspective { fov_y_deg: 40.0 };
         let camera = Camera { eye: DVec3::new(-20.0, 3.0, 9.0), target: DVec3::splat(7.0), up: DVec3::Z, projection };
@@ -383,7 +383,7 @@ mod tests {
             true => (0..padded.pow(3)).map(noise).flat_map(|byte| number(byte).to_le_bytes()).collect(),
             false => (0..padded.pow(3) * C::BYTES).map(noise).collect(),
         };
-        let cells = MacroCells::new(&codes, encoding.format, INVALID, 16, needs);
+        let cells = MacroCells::new(&codes, encoding.format, C::INVALID, 16, needs);
         let resident = Resident::new(codes.clone(), codes.len(), cells);
         let brick = BrickId { time: 0, channel: 0, level: Level(0), index: BrickIndex::default() };
         let region = pyramid.brick_box_voxel(brick.level, brick.index);
@@ -397,32 +397,32 @@ mod tests {
             march.march(&frame, &tile, None, &mut Work::new(), &mut seen);
             seen.map(|color| color.to_array().map(f32::to_bits))
         };
-        let portable = drawn(portable::<C, B, INVALID>());
+        let portable = drawn(portable::<C, B>());
         assert!(portable.iter().collect::<std::collections::BTreeSet<_>>().len() > 50, "a flat picture proves nothing");
         assert_eq!(portable, drawn(for_frame(&frame)), "{mode:?}");
     }
 
     #[test]
     fn all_vector_units_draw_the_same() {
-        same_on_all_units::<Code8, Dvr, false>(Mode::Dvr, &[]);
-        same_on_all_units::<Code16, Dvr, true>(Mode::Dvr, &[]);
-        same_on_all_units::<Code8, Mip, true>(Mode::Mip, &[]);
-        same_on_all_units::<Code16, MinIp, true>(Mode::MinIp, &[]);
-        same_on_all_units::<Code16, Average, false>(Mode::Average, &[]);
-        same_on_all_units::<Code8, Medium<true>, false>(Mode::Dvr, &[0.4]);
-        same_on_all_units::<Code16, Medium<true>, true>(Mode::Isosurface, &[0.3, 0.5]);
-        same_on_all_units::<Code8, Isosurface, false>(Mode::Isosurface, &[0.4]);
-        same_on_all_units::<Code16, Isosurface, true>(Mode::Isosurface, &[0.4]);
-        same_on_all_units::<Float32, Dvr, true>(Mode::Dvr, &[]);
-        same_on_all_units::<Float32, Mip, true>(Mode::Mip, &[]);
-        same_on_all_units::<Float32, Average, true>(Mode::Average, &[]);
-        same_on_all_units::<Float32, Medium<true>, true>(Mode::Isosurface, &[0.3, 0.5]);
+        same_on_all_units::<Code8<false>, Dvr>(Mode::Dvr, &[]);
+        same_on_all_units::<Code16<true>, Dvr>(Mode::Dvr, &[]);
+        same_on_all_units::<Code8<true>, Mip>(Mode::Mip, &[]);
+        same_on_all_units::<Code16<true>, MinIp>(Mode::MinIp, &[]);
+        same_on_all_units::<Code16<false>, Average>(Mode::Average, &[]);
+        same_on_all_units::<Code8<false>, Medium<true>>(Mode::Dvr, &[0.4]);
+        same_on_all_units::<Code16<true>, Medium<true>>(Mode::Isosurface, &[0.3, 0.5]);
+        same_on_all_units::<Code8<false>, Isosurface>(Mode::Isosurface, &[0.4]);
+        same_on_all_units::<Code16<true>, Isosurface>(Mode::Isosurface, &[0.4]);
+        same_on_all_units::<Float32, Dvr>(Mode::Dvr, &[]);
+        same_on_all_units::<Float32, Mip>(Mode::Mip, &[]);
+        same_on_all_units::<Float32, Average>(Mode::Average, &[]);
+        same_on_all_units::<Float32, Medium<true>>(Mode::Isosurface, &[0.3, 0.5]);
         for model in [LightingModel::Phong, LightingModel::BlinnPhong, LightingModel::Tone] {
             for lights in [vec![], vec![DVec3::new(-9.0, 30.0, 4.0), DVec3::splat(40.0)]] {
                 let lighting = Lighting { model, lights, ..Lighting::default() };
-                same_when_lit::<Code8, Dvr, false>(Mode::Dvr, &[], lighting.clone());
-                same_when_lit::<Code16, Dvr, true>(Mode::Dvr, &[], lighting.clone());
-                same_when_lit::<Float32, Dvr, true>(Mode::Dvr, &[], lighting);
+                same_when_lit::<Code8<false>, Dvr>(Mode::Dvr, &[], lighting.clone());
+                same_when_lit::<Code16<true>, Dvr>(Mode::Dvr, &[], lighting.clone());
+                same_when_lit::<Float32, Dvr>(Mode::Dvr, &[], lighting);
             }
         }
     }

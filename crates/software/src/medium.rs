@@ -35,7 +35,7 @@ impl<const ENDS: bool> Accumulate for Medium<ENDS> {
     }
 
     #[inline(always)]
-    fn take<C: Code, U: Unit, const INVALID: bool>(
+    fn take<C: Code, U: Unit>(
         march: &March<'_>,
         stretch: &Stretch,
         ray: &mut Ray,
@@ -44,19 +44,19 @@ impl<const ENDS: bool> Accumulate for Medium<ENDS> {
     ) {
         let path = Path::new(march, stretch, ray);
         if !ENDS {
-            return take::<C, U, INVALID>(&path, ray, segments, &mut chunk.media);
+            return take::<C, U>(&path, ray, segments, &mut chunk.media);
         }
-        stretch.reach(ray, &segments, INVALID && march.frame.settings.encoding.has_invalid);
+        stretch.reach(ray, &segments, C::INVALID && march.frame.settings.encoding.has_invalid);
         let has_fog = march.frame.settings.mode == Mode::Dvr;
         let mut pieces = Pieces::new(march, stretch, path, segments);
         while !Self::is_final(march.frame, ray.sum)
-            && let Some(piece) = pieces.next::<C, U, INVALID>(ray)
+            && let Some(piece) = pieces.next::<C, U>(ray)
         {
             if has_fog {
-                take::<C, U, INVALID>(&piece.path, ray, piece.segments, &mut chunk.media);
+                take::<C, U>(&piece.path, ray, piece.segments, &mut chunk.media);
             }
             if let Some(crossing) = piece.surface {
-                let shown = path.surface::<C, U, INVALID>(crossing);
+                let shown = path.surface::<C, U>(crossing);
                 let light = ray.sum.w;
                 let color = ray.sum.truncate() + shown.truncate() * (light * shown.w);
                 ray.sum = color.extend(light * (1.0 - shown.w));
@@ -76,10 +76,10 @@ impl<const ENDS: bool> Accumulate for Medium<ENDS> {
 
 /// Takes segments until nothing behind them is visible.
 #[inline(always)]
-fn take<C: Code, U: Unit, const INVALID: bool>(path: &Path<'_>, ray: &mut Ray, segments: Range<i32>, media: &mut Row) {
+fn take<C: Code, U: Unit>(path: &Path<'_>, ray: &mut Ray, segments: Range<i32>, media: &mut Row) {
     let mut next = segments.start;
     while next < segments.end && ray.sum.w >= FAINTEST {
-        next = path.row::<C, U, INVALID>(next..segments.end, media);
+        next = path.row::<C, U>(next..segments.end, media);
         for Passed { color, depth, length, .. } in media.drain(..) {
             let left = (-depth * length).exp2() as f32;
             let light = ray.sum.w;

@@ -50,7 +50,7 @@ pub(crate) trait Accumulate {
     }
 
     /// Adds some segments of a stretch to the ray's sum, or fewer if nothing behind those is visible.
-    fn take<C: Code, U: Unit, const INVALID: bool>(
+    fn take<C: Code, U: Unit>(
         march: &March<'_>,
         stretch: &Stretch,
         ray: &mut Ray,
@@ -75,7 +75,7 @@ pub(crate) trait Sum: Accumulate {
 
 /// Adds the samples of some segments of a stretch, or fewer if nothing behind those is visible.
 #[inline(always)]
-fn add<C: Code, B: Sum, U: Unit, const INVALID: bool>(
+fn add<C: Code, B: Sum, U: Unit>(
     March { frame, cell, brick }: &March<'_>,
     stretch: &Stretch,
     ray: &mut Ray,
@@ -85,13 +85,13 @@ fn add<C: Code, B: Sum, U: Unit, const INVALID: bool>(
     let mut sum = ray.sum;
     let mut done = from;
     while done < to {
-        stretch.place_samples::<INVALID>(frame, ray, chunk, done..to);
+        stretch.place_samples(frame, ray, chunk, done..to, C::INVALID);
         match B::EXTREME.zip(cell.box_reach) {
             Some((extreme, reach)) => {
                 let (origin, step, whole) = (stretch.origin, stretch.step, stretch.weight(frame));
-                brick.read_boxes::<C, U, INVALID>(extreme, &Segments { origin, step, whole, reach }, chunk);
+                brick.read_boxes::<C, U>(extreme, &Segments { origin, step, whole, reach }, chunk);
             }
-            None => brick.read::<C, U, INVALID>(frame.reading, stretch.origin, stretch.step, chunk),
+            None => brick.read::<C, U>(frame.reading, stretch.origin, stretch.step, chunk),
         }
         sum = B::add::<C>(frame, sum, chunk);
         if B::is_final(frame, sum) {
@@ -200,7 +200,7 @@ impl Accumulate for Dvr {
     const OCCLUDES: bool = true;
 
     #[inline(always)]
-    fn take<C: Code, U: Unit, const INVALID: bool>(
+    fn take<C: Code, U: Unit>(
         march: &March<'_>,
         stretch: &Stretch,
         ray: &mut Ray,
@@ -209,15 +209,15 @@ impl Accumulate for Dvr {
     ) {
         let March { frame, brick, .. } = march;
         if !frame.is_lit {
-            return add::<C, Self, U, INVALID>(march, stretch, ray, chunk, segments);
+            return add::<C, Self, U>(march, stretch, ray, chunk, segments);
         }
         let mut done = segments.start;
         while done < segments.end && !Self::is_final(frame, ray.sum) {
-            stretch.place_samples::<INVALID>(frame, ray, chunk, done..segments.end);
-            brick.read::<C, U, INVALID>(frame.reading, stretch.origin, stretch.step, chunk);
+            stretch.place_samples(frame, ray, chunk, done..segments.end, C::INVALID);
+            brick.read::<C, U>(frame.reading, stretch.origin, stretch.step, chunk);
             let shows = Self::classify::<C>(frame, chunk);
             if shows != 0 {
-                ray.sum = lit::see::<C, U, INVALID>(march, stretch, ray, chunk, shows);
+                ray.sum = lit::see::<C, U>(march, stretch, ray, chunk, shows);
             }
             done += CHUNK as i32;
         }
@@ -300,14 +300,14 @@ impl<const GREATEST: bool> Accumulate for ExtremeProjection<GREATEST> {
     }
 
     #[inline(always)]
-    fn take<C: Code, U: Unit, const INVALID: bool>(
+    fn take<C: Code, U: Unit>(
         march: &March<'_>,
         stretch: &Stretch,
         ray: &mut Ray,
         chunk: &mut SampleChunk,
         segments: Range<i32>,
     ) {
-        add::<C, Self, U, INVALID>(march, stretch, ray, chunk, segments);
+        add::<C, Self, U>(march, stretch, ray, chunk, segments);
     }
 
     #[inline(always)]
@@ -352,14 +352,14 @@ impl Accumulate for Average {
     const FRONT_TO_BACK: bool = true;
 
     #[inline(always)]
-    fn take<C: Code, U: Unit, const INVALID: bool>(
+    fn take<C: Code, U: Unit>(
         march: &March<'_>,
         stretch: &Stretch,
         ray: &mut Ray,
         chunk: &mut SampleChunk,
         segments: Range<i32>,
     ) {
-        add::<C, Self, U, INVALID>(march, stretch, ray, chunk, segments);
+        add::<C, Self, U>(march, stretch, ray, chunk, segments);
     }
 
     #[inline(always)]

@@ -122,7 +122,7 @@ impl<'a> Path<'a> {
     }
 
     #[inline(always)]
-    pub(crate) fn sample<C: Code, U: Unit, const INVALID: bool>(&self, along: Packet) -> Samples {
+    pub(crate) fn sample<C: Code, U: Unit>(&self, along: Packet) -> Samples {
         let (mut points, mut weight) = ([[0.0; LANES]; 3], [1.0; LANES]);
         for i in 0..LANES {
             let along = along[i].max(self.low).min(self.high);
@@ -131,54 +131,54 @@ impl<'a> Path<'a> {
             }
         }
         let March { frame, brick, .. } = self.march;
-        let code = brick.read_points::<C, U, INVALID>(frame.reading, &points, &mut weight);
+        let code = brick.read_points::<C, U>(frame.reading, &points, &mut weight);
         Samples { along, code, weight }
     }
 
     /// Appends the media of a row of segments, from the first of `segments` on. Returns the first segment not taken.
     /// Not inlined: it is large, and several callers share it.
     #[inline(always)]
-    pub(crate) fn row<C: Code, U: Unit, const INVALID: bool>(&self, segments: Range<i32>, media: &mut Row) -> i32 {
+    pub(crate) fn row<C: Code, U: Unit>(&self, segments: Range<i32>, media: &mut Row) -> i32 {
         #[cfg(target_arch = "x86_64")]
         if U::AVX2 {
             // SAFETY: the machine has AVX2.
-            return unsafe { self.row_avx2::<C, INVALID>(segments, media) };
+            return unsafe { self.row_avx2::<C>(segments, media) };
         }
-        self.row_portable::<C, INVALID>(segments, media)
+        self.row_portable::<C>(segments, media)
     }
 
     #[cfg(target_arch = "x86_64")]
     #[target_feature(enable = "avx2")]
     #[inline(never)]
-    fn row_avx2<C: Code, const INVALID: bool>(&self, segments: Range<i32>, media: &mut Row) -> i32 {
-        self.row_on::<C, Avx2, INVALID>(segments, media)
+    fn row_avx2<C: Code>(&self, segments: Range<i32>, media: &mut Row) -> i32 {
+        self.row_on::<C, Avx2>(segments, media)
     }
 
     #[inline(never)]
-    fn row_portable<C: Code, const INVALID: bool>(&self, segments: Range<i32>, media: &mut Row) -> i32 {
-        self.row_on::<C, Portable, INVALID>(segments, media)
+    fn row_portable<C: Code>(&self, segments: Range<i32>, media: &mut Row) -> i32 {
+        self.row_on::<C, Portable>(segments, media)
     }
 
     #[inline(always)]
-    fn row_on<C: Code, U: Unit, const INVALID: bool>(&self, segments: Range<i32>, media: &mut Row) -> i32 {
+    fn row_on<C: Code, U: Unit>(&self, segments: Range<i32>, media: &mut Row) -> i32 {
         match self.march.frame.settings.method().curve() {
-            Curve::Middle => self.middles::<C, U, INVALID>(segments, media),
-            Curve::Line => self.curves::<C, U, INVALID>(segments, 0, media),
-            Curve::Cubic => self.curves::<C, U, INVALID>(segments, 1, media),
-            Curve::Field => self.field::<C, U, INVALID>(segments, media),
+            Curve::Middle => self.middles::<C, U>(segments, media),
+            Curve::Line => self.curves::<C, U>(segments, 0, media),
+            Curve::Cubic => self.curves::<C, U>(segments, 1, media),
+            Curve::Field => self.field::<C, U>(segments, media),
         }
     }
 
     /// One sample in the middle of each segment. Returns the first segment not taken.
     #[inline(always)]
-    fn middles<C: Code, U: Unit, const INVALID: bool>(&self, segments: Range<i32>, media: &mut Row) -> i32 {
+    fn middles<C: Code, U: Unit>(&self, segments: Range<i32>, media: &mut Row) -> i32 {
         let count = (segments.end - segments.start).min(LANES as i32);
         let mut along = [0.0; LANES];
         for i in 0..LANES {
             let [a, b] = self.ends(segments.start + i as i32);
             along[i] = 0.5 * (a + b);
         }
-        let row = self.sample::<C, U, INVALID>(along);
+        let row = self.sample::<C, U>(along);
         let (mut shown, mut is_any) = ([const { None }; LANES], false);
         for i in 0..count as usize {
             if row.weight[i] > 0.0 {
@@ -192,7 +192,7 @@ impl<'a> Path<'a> {
         let (mut differences, mut shaded) = ([[0.0; LANES]; 3], Shaded::EMPTY);
         let shade = Shade::new(self.lighting(), self.march.slopes(), self.eye, self.direction, self.cut);
         if self.has_gradients {
-            self.row_differences::<C, U, INVALID>(&along, &row.code, &shown, &mut differences);
+            self.row_differences::<C, U>(&along, &row.code, &shown, &mut differences);
         }
         if self.is_lit {
             let mut distance = [0.0; LANES];
@@ -226,7 +226,7 @@ impl<'a> Path<'a> {
     /// Computes [`Path::differences`] at a packet of places with these codes; only those of visible places need be
     /// right.
     #[inline(always)]
-    fn row_differences<C: Code, U: Unit, const INVALID: bool>(
+    fn row_differences<C: Code, U: Unit>(
         &self,
         along: &Packet,
         code: &Packet,
@@ -241,12 +241,12 @@ impl<'a> Path<'a> {
                     points[a][i] = place[a];
                 }
             }
-            let rounded = self.march.differences::<C, U, INVALID>(&points, code, differences);
+            let rounded = self.march.differences::<C, U>(&points, code, differences);
             return without_rounding(&rounded, differences);
         }
         for i in 0..LANES {
             if shown[i].is_some() {
-                let found = self.differences::<C, U, INVALID>(along[i], code[i]);
+                let found = self.differences::<C, U>(along[i], code[i]);
                 for a in 0..3 {
                     differences[a][i] = found[a];
                 }
@@ -256,9 +256,9 @@ impl<'a> Path<'a> {
 
     /// Real samples, more of them where a segment's ends differ more.
     #[inline(always)]
-    fn field<C: Code, U: Unit, const INVALID: bool>(&self, segments: Range<i32>, media: &mut Row) -> i32 {
+    fn field<C: Code, U: Unit>(&self, segments: Range<i32>, media: &mut Row) -> i32 {
         let count = self.whole(&segments, LANES as i32 - 1);
-        let row = self.sample::<C, U, INVALID>(self.places(segments.start, count, 0));
+        let row = self.sample::<C, U>(self.places(segments.start, count, 0));
         for i in 0..count as usize {
             let [Some(from), Some(to)] = known([i, i + 1].map(|i| (row.weight[i] > 0.0).then_some(row.code[i]))) else {
                 continue;
@@ -271,16 +271,10 @@ impl<'a> Path<'a> {
             for k in 0..parts.min(LANES) {
                 along[k] = a + (k as f32 + 0.5) * part;
             }
-            let samples = self.sample::<C, U, INVALID>(along);
+            let samples = self.sample::<C, U>(along);
             for k in 0..parts.min(LANES) {
                 if samples.weight[k] > 0.0 {
-                    self.add_sampled::<C, U, INVALID>(
-                        media,
-                        segments.start + i as i32,
-                        along[k],
-                        samples.code[k],
-                        part,
-                    );
+                    self.add_sampled::<C, U>(media, segments.start + i as i32, along[k], samples.code[k], part);
                 }
             }
         }
@@ -304,15 +298,10 @@ impl<'a> Path<'a> {
 
     /// Virtual samples, or the mean medium, along curves through the ends, and `beyond` of them on each side.
     #[inline(always)]
-    fn curves<C: Code, U: Unit, const INVALID: bool>(
-        &self,
-        segments: Range<i32>,
-        beyond: usize,
-        media: &mut Row,
-    ) -> i32 {
+    fn curves<C: Code, U: Unit>(&self, segments: Range<i32>, beyond: usize, media: &mut Row) -> i32 {
         let sampling = &self.march.frame.settings.sampling;
         let count = self.whole(&segments, (LANES - 1 - 2 * beyond) as i32);
-        let row = self.sample::<C, U, INVALID>(self.places(segments.start, count, beyond as i32));
+        let row = self.sample::<C, U>(self.places(segments.start, count, beyond as i32));
         let mut gradients = [None; LANES];
         let parts = sampling.parts(0.0);
         for i in 0..count as usize {
@@ -343,7 +332,7 @@ impl<'a> Path<'a> {
                         // Not a closure, which would not be compiled for this vector unit.
                         if gradients[i].is_none() {
                             let known = at(i).unwrap_or(values[i + 1 - near]) as f32;
-                            gradients[i] = Some(self.differences::<C, U, INVALID>(row.along[i], known));
+                            gradients[i] = Some(self.differences::<C, U>(row.along[i], known));
                         }
                     }
                     let gradient = |i: usize| gradients[i].unwrap_or(Vec3::ZERO);
@@ -375,18 +364,11 @@ impl<'a> Path<'a> {
     }
 
     #[inline(always)]
-    fn add_sampled<C: Code, U: Unit, const INVALID: bool>(
-        &self,
-        media: &mut Row,
-        segment: i32,
-        along: f32,
-        code: f32,
-        share: f32,
-    ) {
+    fn add_sampled<C: Code, U: Unit>(&self, media: &mut Row, segment: i32, along: f32, code: f32, share: f32) {
         let Some(mut shown) = self.at::<C>(code) else { return };
         let mut differences = Vec3::ZERO;
         if self.has_gradients {
-            differences = self.differences::<C, U, INVALID>(along, code);
+            differences = self.differences::<C, U>(along, code);
             let Some(by_gradient) = self.by_gradient(shown, code, differences) else { return };
             shown = by_gradient;
         }
@@ -430,35 +412,35 @@ impl<'a> Path<'a> {
 
     /// The lit straight colour of a crossed surface, and its opacity. Not inlined: see [`Path::row`].
     #[inline(always)]
-    pub(crate) fn surface<C: Code, U: Unit, const INVALID: bool>(&self, crossing: Crossing) -> Vec4 {
+    pub(crate) fn surface<C: Code, U: Unit>(&self, crossing: Crossing) -> Vec4 {
         #[cfg(target_arch = "x86_64")]
         if U::AVX2 {
             // SAFETY: the machine has AVX2.
-            return unsafe { self.surface_avx2::<C, INVALID>(crossing) };
+            return unsafe { self.surface_avx2::<C>(crossing) };
         }
-        self.surface_portable::<C, INVALID>(crossing)
+        self.surface_portable::<C>(crossing)
     }
 
     #[cfg(target_arch = "x86_64")]
     #[target_feature(enable = "avx2")]
     #[inline(never)]
-    fn surface_avx2<C: Code, const INVALID: bool>(&self, crossing: Crossing) -> Vec4 {
-        self.surface_on::<C, Avx2, INVALID>(crossing)
+    fn surface_avx2<C: Code>(&self, crossing: Crossing) -> Vec4 {
+        self.surface_on::<C, Avx2>(crossing)
     }
 
     #[inline(never)]
-    fn surface_portable<C: Code, const INVALID: bool>(&self, crossing: Crossing) -> Vec4 {
-        self.surface_on::<C, Portable, INVALID>(crossing)
+    fn surface_portable<C: Code>(&self, crossing: Crossing) -> Vec4 {
+        self.surface_on::<C, Portable>(crossing)
     }
 
     #[inline(always)]
-    fn surface_on<C: Code, U: Unit, const INVALID: bool>(&self, crossing: Crossing) -> Vec4 {
+    fn surface_on<C: Code, U: Unit>(&self, crossing: Crossing) -> Vec4 {
         let (frame, Crossing { surface, along, is_cap }) = (self.march.frame, crossing);
         let look = &frame.settings.surfaces[surface];
         // A cap is lit by the normal of its cut.
         let (differences, cut) = match is_cap {
             true => (Vec3::ZERO, self.cut),
-            false => (self.differences::<C, U, INVALID>(along, frame.thresholds[surface]), None),
+            false => (self.differences::<C, U>(along, frame.thresholds[surface]), None),
         };
         self.lit_by((&frame.surface_lighting, cut), along, Vec3::from(look.color), differences).extend(look.opacity)
     }
@@ -500,16 +482,16 @@ impl<'a> Path<'a> {
     /// The gradient in the middle of a segment with this code: in the scene's world, in data units per world unit; zero
     /// where the field is flat.
     #[inline(never)]
-    pub(crate) fn gradient<C: Code, U: Unit, const INVALID: bool>(&self, segment: i32, code: f32) -> DVec3 {
+    pub(crate) fn gradient<C: Code, U: Unit>(&self, segment: i32, code: f32) -> DVec3 {
         let [start, end] = self.ends(segment);
-        let differences = self.differences::<C, U, INVALID>(0.5 * (start + end), code);
+        let differences = self.differences::<C, U>(0.5 * (start + end), code);
         self.in_world(differences).map_or(DVec3::ZERO, |gradient| gradient * self.half_code)
     }
 
     /// Differences of codes across two voxels along each axis; the middle's code replaces missing values. For labels,
     /// differences of the label's indicator.
     #[inline(always)]
-    fn differences<C: Code, U: Unit, const INVALID: bool>(&self, along: f32, middle: f32) -> Vec3 {
+    fn differences<C: Code, U: Unit>(&self, along: f32, middle: f32) -> Vec3 {
         if self.march.frame.reading == Reading::Label {
             return self.label_differences::<C>(along, middle);
         }
@@ -526,7 +508,7 @@ impl<'a> Path<'a> {
         for first in (0..places).step_by(LANES) {
             let offsets: [[f32; 3]; LANES] =
                 std::array::from_fn(|i| if is_sobel { offset_of((first + i).min(26)) } else { axis_offset(i) });
-            let codes = self.around::<C, U, INVALID>(centre, &offsets, middle);
+            let codes = self.around::<C, U>(centre, &offsets, middle);
             for (i, offset) in offsets.iter().enumerate().take(places - first) {
                 let smooth = |a: usize| if is_sobel { SMOOTH[(offset[a] + 1.0) as usize] as f32 } else { 1.0 };
                 let [x, y, z] = [smooth(0), smooth(1), smooth(2)];
@@ -566,12 +548,7 @@ impl<'a> Path<'a> {
     }
 
     #[inline(always)]
-    fn around<C: Code, U: Unit, const INVALID: bool>(
-        &self,
-        centre: [f32; 3],
-        offsets: &[[f32; 3]; LANES],
-        middle: f32,
-    ) -> Packet {
+    fn around<C: Code, U: Unit>(&self, centre: [f32; 3], offsets: &[[f32; 3]; LANES], middle: f32) -> Packet {
         let (mut points, mut weight) = ([[0.0; LANES]; 3], [1.0; LANES]);
         for a in 0..3 {
             for i in 0..LANES {
@@ -579,7 +556,7 @@ impl<'a> Path<'a> {
             }
         }
         let March { frame, brick, .. } = self.march;
-        let mut code = brick.read_points::<C, U, INVALID>(frame.reading.of_gradients(), &points, &mut weight);
+        let mut code = brick.read_points::<C, U>(frame.reading.of_gradients(), &points, &mut weight);
         for i in 0..LANES {
             code[i] = if weight[i] > 0.0 { code[i] } else { middle };
         }

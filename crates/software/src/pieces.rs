@@ -47,39 +47,39 @@ impl<'a> Pieces<'a> {
 
     /// Returns the next piece, if any. The ray's rank becomes the one behind it. Not inlined: see [`Path::row`].
     #[inline(always)]
-    pub(crate) fn next<C: Code, U: Unit, const INVALID: bool>(&mut self, ray: &mut Ray) -> Option<Piece<'a>> {
+    pub(crate) fn next<C: Code, U: Unit>(&mut self, ray: &mut Ray) -> Option<Piece<'a>> {
         #[cfg(target_arch = "x86_64")]
         if U::AVX2 {
             // SAFETY: the machine has AVX2.
-            return unsafe { self.next_avx2::<C, INVALID>(ray) };
+            return unsafe { self.next_avx2::<C>(ray) };
         }
-        self.next_portable::<C, INVALID>(ray)
+        self.next_portable::<C>(ray)
     }
 
     #[cfg(target_arch = "x86_64")]
     #[target_feature(enable = "avx2")]
     #[inline(never)]
-    fn next_avx2<C: Code, const INVALID: bool>(&mut self, ray: &mut Ray) -> Option<Piece<'a>> {
-        self.next_on::<C, Avx2, INVALID>(ray)
+    fn next_avx2<C: Code>(&mut self, ray: &mut Ray) -> Option<Piece<'a>> {
+        self.next_on::<C, Avx2>(ray)
     }
 
     #[inline(never)]
-    fn next_portable<C: Code, const INVALID: bool>(&mut self, ray: &mut Ray) -> Option<Piece<'a>> {
-        self.next_on::<C, Portable, INVALID>(ray)
+    fn next_portable<C: Code>(&mut self, ray: &mut Ray) -> Option<Piece<'a>> {
+        self.next_on::<C, Portable>(ray)
     }
 
     #[inline(always)]
-    fn next_on<C: Code, U: Unit, const INVALID: bool>(&mut self, ray: &mut Ray) -> Option<Piece<'a>> {
+    fn next_on<C: Code, U: Unit>(&mut self, ray: &mut Ray) -> Option<Piece<'a>> {
         let (path, from) = (self.path, self.rest.start);
         let settings = &self.march.frame.settings;
         if settings.surfaces.is_empty() {
             let segments = std::mem::replace(&mut self.rest, 0..0);
             return (!segments.is_empty()).then_some(Piece { path, segments, surface: None });
         }
-        if let Some(cap) = self.cap::<C, U, INVALID>(ray) {
+        if let Some(cap) = self.cap::<C, U>(ray) {
             return Some(Piece { path: path.piece(cap.along, cap.along), segments: from..from, surface: Some(cap) });
         }
-        self.skip::<C, U, INVALID>(ray, settings.mode == Mode::Dvr);
+        self.skip::<C, U>(ray, settings.mode == Mode::Dvr);
         let first = self.rest.start;
         if first > from && settings.mode == Mode::Dvr {
             return Some(Piece { path, segments: from..first, surface: None });
@@ -89,7 +89,7 @@ impl<'a> Pieces<'a> {
         }
         let [start, end] = path.ends(first);
         let start = self.cut.unwrap_or(start);
-        let (last, code) = self.rank::<C, U, INVALID>(end);
+        let (last, code) = self.rank::<C, U>(end);
         if ray.past.rank == NO_RANK || last == NO_RANK || ray.past.rank == last {
             ray.past.rank = last;
             self.rest.start += 1;
@@ -101,7 +101,7 @@ impl<'a> Pieces<'a> {
         let inside = |along: f32| along.max(path.low).min(path.high);
         let threshold = self.march.frame.thresholds[surface];
         let line = Line { march: self.march, stretch: self.stretch, threshold };
-        let hit = line.locate::<C, U, INVALID>(inside(start), [inside(end), code]);
+        let hit = line.locate::<C, U>(inside(start), [inside(end), code]);
         ray.past.rank += if is_up { 1 } else { -1 };
         self.cut = Some(hit);
         Some(Piece {
@@ -113,29 +113,29 @@ impl<'a> Pieces<'a> {
 
     /// The cap where the ray enters, if any. The ray's rank becomes the one behind it.
     #[inline(always)]
-    fn cap<C: Code, U: Unit, const INVALID: bool>(&self, ray: &mut Ray) -> Option<Crossing> {
+    fn cap<C: Code, U: Unit>(&self, ray: &mut Ray) -> Option<Crossing> {
         let is_new = ray.past.rank == NO_RANK && self.cut.is_none() && self.rest.start == 0;
         if !is_new || self.rest.is_empty() || !self.march.is_capped(ray, self.stretch.start) {
             return None;
         }
         let along = self.path.ends(0)[0];
-        ray.past.rank = self.rank::<C, U, INVALID>(along).0;
+        ray.past.rank = self.rank::<C, U>(along).0;
         (ray.past.rank > 0).then(|| Crossing { surface: ray.past.rank as usize - 1, along, is_cap: true })
     }
 
     /// Skips segments whose ends are past the same number of surfaces as the ray: all of them, or one batch if
     /// `is_short`.
     #[inline(always)]
-    fn skip<C: Code, U: Unit, const INVALID: bool>(&mut self, ray: &mut Ray, is_short: bool) {
+    fn skip<C: Code, U: Unit>(&mut self, ray: &mut Ray, is_short: bool) {
         while self.cut.is_none() && !self.rest.is_empty() {
             let (path, first) = (self.path, self.rest.start);
             if ray.past.rank == NO_RANK {
-                ray.past.rank = self.rank::<C, U, INVALID>(path.ends(first)[0]).0;
+                ray.past.rank = self.rank::<C, U>(path.ends(first)[0]).0;
             }
             let count = path.whole(&self.rest, (TOGETHER * LANES) as i32);
-            let mut ends = [path.sample::<C, U, INVALID>(path.places(first, count, -1)); TOGETHER];
+            let mut ends = [path.sample::<C, U>(path.places(first, count, -1)); TOGETHER];
             if count > LANES as i32 {
-                ends[1] = path.sample::<C, U, INVALID>(path.places(first + LANES as i32, count, -1));
+                ends[1] = path.sample::<C, U>(path.places(first + LANES as i32, count, -1));
             }
             let (low, high) = self.march.frame.band(ray.past.rank);
             let mut quiet = 0u32;
@@ -157,8 +157,8 @@ impl<'a> Pieces<'a> {
 
     /// The number of surfaces a place is past, and its code.
     #[inline(always)]
-    fn rank<C: Code, U: Unit, const INVALID: bool>(&self, along: f32) -> (i32, f32) {
-        let place = self.path.sample::<C, U, INVALID>([along; LANES]);
+    fn rank<C: Code, U: Unit>(&self, along: f32) -> (i32, f32) {
+        let place = self.path.sample::<C, U>([along; LANES]);
         let code = place.code[0];
         (if place.weight[0] > 0.0 { rank_of(&self.march.frame.thresholds, code) } else { NO_RANK }, code)
     }

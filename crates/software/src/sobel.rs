@@ -60,7 +60,7 @@ impl Across {
 impl Brick<'_> {
     /// Computes the differences of the Sobel operator, otherwise like [`Brick::central_differences`].
     #[inline(always)]
-    pub(crate) fn sobel_differences<C: Code, U: Unit, const INVALID: bool>(
+    pub(crate) fn sobel_differences<C: Code, U: Unit>(
         &self,
         points: &[Packet; 3],
         middle: &Packet,
@@ -69,25 +69,20 @@ impl Brick<'_> {
         #[cfg(target_arch = "x86_64")]
         if U::AVX2 {
             // SAFETY: the machine has AVX2.
-            return unsafe { self.sobel_differences_avx2::<C, INVALID>(points, middle, differences) };
+            return unsafe { self.sobel_differences_avx2::<C>(points, middle, differences) };
         }
-        self.sobel_differences_on::<C, Portable, INVALID>(points, middle, differences);
+        self.sobel_differences_on::<C, Portable>(points, middle, differences);
     }
 
     #[cfg(target_arch = "x86_64")]
     #[target_feature(enable = "avx2")]
     #[inline(never)]
-    fn sobel_differences_avx2<C: Code, const INVALID: bool>(
-        &self,
-        points: &[Packet; 3],
-        middle: &Packet,
-        differences: &mut [Packet; 3],
-    ) {
-        self.sobel_differences_on::<C, Avx2, INVALID>(points, middle, differences);
+    fn sobel_differences_avx2<C: Code>(&self, points: &[Packet; 3], middle: &Packet, differences: &mut [Packet; 3]) {
+        self.sobel_differences_on::<C, Avx2>(points, middle, differences);
     }
 
     #[inline(always)]
-    fn sobel_differences_on<C: Code, U: Unit, const INVALID: bool>(
+    fn sobel_differences_on<C: Code, U: Unit>(
         &self,
         points: &[Packet; 3],
         middle: &Packet,
@@ -95,19 +90,20 @@ impl Brick<'_> {
     ) {
         let (voxel, t) = self.voxels_around(points);
         // SAFETY: such are the returned voxels.
-        let odd = unsafe { self.shared_sobel::<C, INVALID>(&voxel, &t, differences) };
-        if INVALID && odd > 0.0 {
-            self.sobel_samples::<C, U, INVALID>(points, middle, differences);
+        let odd = unsafe { self.shared_sobel::<C>(&voxel, &t, differences) };
+        if C::INVALID && odd > 0.0 {
+            self.sobel_samples::<C, U>(points, middle, differences);
         }
     }
 
-    /// [`Brick::sobel_differences`] at the given voxels and fractions towards their upper neighbours. With `INVALID`,
-    /// returns the number of voxels read that are no codes; unless it is 0, the differences are useless.
+    /// [`Brick::sobel_differences`] at the given voxels and fractions towards their upper neighbours. Returns
+    /// the number of voxels read that are no codes, if voxels may have no value; unless it is 0, the differences are
+    /// useless.
     ///
     /// # Safety
     /// Every index is that of a voxel with a lower neighbour and two upper ones along each axis.
     #[inline(always)]
-    unsafe fn shared_sobel<C: Code, const INVALID: bool>(
+    unsafe fn shared_sobel<C: Code>(
         &self,
         voxel: &[i32; LANES],
         t: &[Packet; 3],
@@ -125,8 +121,8 @@ impl Brick<'_> {
                 let [mut a, mut b, mut c, mut d] = [[0.0; LANES]; 4];
                 // SAFETY: by the caller's promise these voxels are inside the brick.
                 unsafe {
-                    self.pairs::<C, INVALID>((voxel, at - 1), [&mut a, &mut b], &mut odd);
-                    self.pairs::<C, INVALID>((voxel, at + 1), [&mut c, &mut d], &mut odd);
+                    self.pairs::<C>((voxel, at - 1), [&mut a, &mut b], &mut odd);
+                    self.pairs::<C>((voxel, at + 1), [&mut c, &mut d], &mut odd);
                 }
                 line_along[j] = x.difference([&a, &b, &c, &d]);
                 line[j] = x.smoothed([&a, &b, &c, &d]);
@@ -143,7 +139,7 @@ impl Brick<'_> {
 
     /// [`Brick::sobel_differences`] by samples.
     #[inline(always)]
-    pub(crate) fn sobel_samples<C: Code, U: Unit, const INVALID: bool>(
+    pub(crate) fn sobel_samples<C: Code, U: Unit>(
         &self,
         points: &[Packet; 3],
         middle: &Packet,
@@ -158,7 +154,7 @@ impl Brick<'_> {
                     places[a][i] += offset[a];
                 }
             }
-            let codes = self.sample_points::<C, U, INVALID>(&places, &mut weight);
+            let codes = self.sample_points::<C, U>(&places, &mut weight);
             let smooth = offset.map(|side| SMOOTH[(side + 1.0) as usize] as f32);
             for a in 0..3 {
                 let share = offset[a] * smooth[(a + 1) % 3] * smooth[(a + 2) % 3];

@@ -202,14 +202,16 @@ impl Stretch {
         (self.length * frame.per_unit) as f32
     }
 
-    /// Places the samples of these segments in a chunk, or of as many of them as it holds.
+    /// Places the samples of these segments in a chunk, or of as many of them as it holds. They count as whole steps only
+    /// without `has_invalid`.
     #[inline(always)]
-    pub(crate) fn place_samples<const INVALID: bool>(
+    pub(crate) fn place_samples(
         &self,
         frame: &Frame<'_>,
         ray: &Ray,
         chunk: &mut SampleChunk,
         Range { start: done, end: to }: Range<i32>,
+        has_invalid: bool,
     ) {
         let full = self.weight(frame);
         let left = to - done;
@@ -223,7 +225,7 @@ impl Stretch {
         }
         let cut_first = self.start == ray.first && done == 0;
         let cut_last = self.end == ray.end && to == self.count && left <= CHUNK as i32;
-        let all_whole = !INVALID && !cut_first && !cut_last;
+        let all_whole = !has_invalid && !cut_first && !cut_last;
         chunk.whole_steps = if all_whole { left.min(CHUNK as i32) as usize } else { 0 };
         chunk.zone = self.zone;
         for (is_cut, lane) in [(cut_first, 0), (cut_last, left - 1)] {

@@ -52,7 +52,7 @@ impl Accumulate for Isosurface {
     }
 
     #[inline(always)]
-    fn take<C: Code, U: Unit, const INVALID: bool>(
+    fn take<C: Code, U: Unit>(
         march: &March<'_>,
         stretch: &Stretch,
         ray: &mut Ray,
@@ -71,13 +71,13 @@ impl Accumulate for Isosurface {
             }
         };
         let first = stretch.start + ((segments.start as u32) << stretch.zone);
-        if INVALID && march.frame.settings.encoding.has_invalid && ray.past.reached != first {
+        if C::INVALID && march.frame.settings.encoding.has_invalid && ray.past.reached != first {
             ray.sum.x = 0.0;
         }
         if ray.sum.x == 0.0 {
             let start = inside(stretch.along(ray.ends(ticks, first).0));
             let line = Line { march, stretch, threshold: march.frame.thresholds[0] };
-            ray.sum.x = line.side::<C, U, INVALID>(start);
+            ray.sum.x = line.side::<C, U>(start);
             if ray.sum.x == INSIDE && march.is_capped(ray, first) {
                 ray.sum = line.cap(ray).extend(0.0);
                 return;
@@ -99,7 +99,7 @@ impl Accumulate for Isosurface {
                 let tick = stretch.start + (((stretch.count - 1) as u32) << stretch.zone);
                 chunk.along[last / LANES][last % LANES] = inside(stretch.along(ray.ends(ticks, tick).1));
             }
-            march.brick.read::<C, U, INVALID>(march.frame.reading, stretch.origin, stretch.step, chunk);
+            march.brick.read::<C, U>(march.frame.reading, stretch.origin, stretch.step, chunk);
             for p in 0..chunk.packets.min(TOGETHER) {
                 let lanes = left - (p * LANES) as i32;
                 let Some(i) =
@@ -112,8 +112,8 @@ impl Accumulate for Isosurface {
                 let from = inside(stretch.along(ray.ends(ticks, tick).0));
                 let end = [chunk.along[p][i], chunk.code[p][i]];
                 let line = Line { march, stretch, threshold: march.frame.thresholds[0] };
-                let hit = line.locate::<C, U, INVALID>(from, end);
-                ray.sum = line.lit::<C, U, INVALID>(ray, hit).extend(0.0);
+                let hit = line.locate::<C, U>(from, end);
+                ray.sum = line.lit::<C, U>(ray, hit).extend(0.0);
                 return;
             }
             done += (TOGETHER * LANES) as i32;
@@ -162,8 +162,8 @@ pub(crate) struct Line<'a> {
 impl Line<'_> {
     /// The side of a place; 0 if it has no value.
     #[inline(always)]
-    fn side<C: Code, U: Unit, const INVALID: bool>(&self, along: f32) -> f32 {
-        let (code, weight) = self.sample::<C, U, INVALID>(&[along; LANES]);
+    fn side<C: Code, U: Unit>(&self, along: f32) -> f32 {
+        let (code, weight) = self.sample::<C, U>(&[along; LANES]);
         match weight[0] > 0.0 {
             true if code[0] >= self.threshold => INSIDE,
             true => OUTSIDE,
@@ -173,11 +173,7 @@ impl Line<'_> {
 
     /// Locates the surface between the places `from` and `to`; `to` is behind it and given with its code.
     #[inline(always)]
-    pub(crate) fn locate<C: Code, U: Unit, const INVALID: bool>(
-        &self,
-        mut from: f32,
-        [mut to, mut to_code]: [f32; 2],
-    ) -> f32 {
+    pub(crate) fn locate<C: Code, U: Unit>(&self, mut from: f32, [mut to, mut to_code]: [f32; 2]) -> f32 {
         let threshold = self.threshold;
         let is_inside = to_code >= threshold;
         // The place behind is the surface, if the one in front turns out to have no value.
@@ -188,7 +184,7 @@ impl Line<'_> {
             for i in 0..LANES {
                 along[i] = from + i as f32 * part;
             }
-            let (code, weight) = self.sample::<C, U, INVALID>(&along);
+            let (code, weight) = self.sample::<C, U>(&along);
             let mut past = 1 << LANES;
             for i in 0..LANES {
                 past |= ((((code[i] >= threshold) == is_inside) & (weight[i] > 0.0)) as u32) << i;
@@ -218,7 +214,7 @@ impl Line<'_> {
     }
 
     #[inline(always)]
-    fn lit<C: Code, U: Unit, const INVALID: bool>(&self, ray: &Ray, along: f32) -> Vec3 {
+    fn lit<C: Code, U: Unit>(&self, ray: &Ray, along: f32) -> Vec3 {
         let March { frame, cell, brick } = self.march;
         let (origin, step) = (self.stretch.origin, self.stretch.step);
         let (mut points, mut weight) = ([[0.0; LANES]; 3], [1.0; LANES]);
@@ -229,7 +225,7 @@ impl Line<'_> {
             points[a] = [at; LANES];
             (points[a][2 * a], points[a][2 * a + 1]) = ((at + 1.0).min(far), (at - 1.0).max(0.0));
         }
-        let mut code = brick.read_points::<C, U, INVALID>(frame.reading.of_gradients(), &points, &mut weight);
+        let mut code = brick.read_points::<C, U>(frame.reading.of_gradients(), &points, &mut weight);
         let spacing = frame.settings.geometry.spacing.to_array();
         let (mut differences, mut gradient, mut direction) = (Vec3::ZERO, Vec3::ZERO, Vec3::ZERO);
         for i in 0..LANES {
@@ -248,14 +244,14 @@ impl Line<'_> {
 
     /// The codes at these places, and weights of 0 where values are missing.
     #[inline(always)]
-    fn sample<C: Code, U: Unit, const INVALID: bool>(&self, along: &Packet) -> (Packet, Packet) {
+    fn sample<C: Code, U: Unit>(&self, along: &Packet) -> (Packet, Packet) {
         let (mut points, mut weight) = ([[0.0; LANES]; 3], [1.0; LANES]);
         for a in 0..3 {
             for i in 0..LANES {
                 points[a][i] = self.stretch.origin[a] + along[i] * self.stretch.step[a];
             }
         }
-        let code = self.march.brick.read_points::<C, U, INVALID>(self.march.frame.reading, &points, &mut weight);
+        let code = self.march.brick.read_points::<C, U>(self.march.frame.reading, &points, &mut weight);
         (code, weight)
     }
 }
