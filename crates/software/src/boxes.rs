@@ -5,7 +5,8 @@
 //! along x together. As in `sample`, everything is inlined and free of closures.
 
 use crate::packet::{LANES, PACKETS, Packet};
-use crate::sample::{Brick, Code, SampleChunk, Unit};
+use crate::sample::{Brick, Code, SampleChunk};
+use crate::unit::Unit;
 use brickyard_volume::Extreme;
 
 const fn sign(extreme: Extreme) -> f32 {
@@ -37,24 +38,10 @@ impl Brick<'_> {
     /// Fills in the extreme code of each of a chunk's segments, with weight 0 if no touched voxel has a value.
     #[inline(always)]
     pub(crate) fn read_boxes<C: Code, U: Unit>(&self, extreme: Extreme, segments: &Segments, chunk: &mut SampleChunk) {
-        #[cfg(target_arch = "x86_64")]
-        if U::AVX2 {
-            // SAFETY: the machine has AVX2.
-            return unsafe { self.read_boxes_avx2::<C>(extreme, segments, chunk) };
-        }
-        self.read_boxes_portable::<C>(extreme, segments, chunk);
-    }
-
-    #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx2")]
-    #[inline(never)]
-    fn read_boxes_avx2<C: Code>(&self, extreme: Extreme, segments: &Segments, chunk: &mut SampleChunk) {
-        self.read_boxes_on::<C>(extreme, segments, chunk);
-    }
-
-    #[inline(never)]
-    fn read_boxes_portable<C: Code>(&self, extreme: Extreme, segments: &Segments, chunk: &mut SampleChunk) {
-        self.read_boxes_on::<C>(extreme, segments, chunk);
+        U::call(
+            #[inline(always)]
+            move || self.read_boxes_on::<C>(extreme, segments, chunk),
+        );
     }
 
     #[inline(always)]
@@ -200,7 +187,8 @@ fn clamped(v: f32, last: f32) -> i32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sample::{Code8, Code16, CodeMap, Float32, Portable};
+    use crate::sample::{Code8, Code16, CodeMap, Float32};
+    use crate::unit::Portable;
     use brickyard_volume::extremes::half_box;
     use brickyard_volume::slot_encoding::INVALID_SLOT;
     use proptest::prelude::*;

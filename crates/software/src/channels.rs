@@ -13,12 +13,11 @@ use crate::modes::Dvr;
 use crate::packet::{CHUNK, LANES, PACKETS};
 use crate::ray::{FAINTEST, Ray};
 use crate::reading::Reading;
-#[cfg(target_arch = "x86_64")]
-use crate::sample::Avx2;
-use crate::sample::{Brick, Code, Code8, Code16, Float32, Grid, Portable, SampleChunk, Unit};
+use crate::sample::{Code, Grid, SampleChunk};
 use crate::stretch::Stretch;
 use crate::tiles::PIXELS;
-use brickyard_volume::{Filter, SlotFormat};
+use crate::unit::{Choice, Unit, call};
+use brickyard_volume::Filter;
 use glam::Vec4;
 use std::ops::Range;
 
@@ -32,14 +31,10 @@ pub(crate) const BYTES_PER_LAYER_AND_THREAD: usize = SIDE_BY_SIDE * size_of::<u6
 /// Drawing of several layers of plain fog with a common cut.
 pub(crate) struct Channels {
     takes: Vec<Take>,
-    march: March,
 }
 
 /// Adds a layer's samples of some packets of a chunk.
 type Take = fn(&Part<'_, '_>, u32, &mut SampleChunk, &mut Media);
-
-/// Takes rays to the ends of their runs through a cell.
-type March = fn(&[Part<'_, '_>], &mut [Walk], &mut [Ray; PIXELS]);
 
 /// A layer's part of a cell of the shared cut.
 #[derive(Clone, Copy)]
@@ -81,8 +76,8 @@ impl Channels {
     pub(crate) fn new(frames: &[Frame<'_>]) -> Option<Self> {
         let is_fog =
             |frame: &Frame<'_>| gather::is_plain(frame) && frame.reading == Reading::Filtered(Filter::Trilinear);
-        (frames.len() > 1 && frames.iter().all(is_fog))
-            .then(|| Self { takes: frames.iter().map(take_of).collect(), march: march_of() })
+        let take = |frame: &Frame<'_>| Taking.for_machine(&frame.settings.encoding);
+        (frames.len() > 1 && frames.iter().all(is_fog)).then(|| Self { takes: frames.iter().map(take).collect() })
     }
 
     /// The layers' parts of a cell. `None` if the layers' bricks lie differently under the cell, unlike bricks of one
@@ -110,7 +105,10 @@ impl Channels {
     /// have ended.
     pub(crate) fn march(&self, parts: &[Part<'_, '_>], walks: &mut Walks, rays: &mut [Ray; PIXELS]) -> usize {
         let walks = &mut walks.walks[..std::mem::take(&mut walks.count)];
-        (self.march)(parts, walks, rays);
+        call(
+            #[inline(always)]
+            || march(parts, walks, rays),
+        );
         let mut ended = 0;
         for walk in walks {
             let ray = &mut rays[walk.place];
@@ -221,21 +219,6 @@ impl Walk {
     }
 }
 
-fn march_of() -> March {
-    #[cfg(target_arch = "x86_64")]
-    if std::arch::is_x86_feature_detected!("avx2") {
-        // SAFETY: the machine has AVX2.
-        return |parts, walks, rays| unsafe { march_avx2(parts, walks, rays) };
-    }
-    march
-}
-
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2")]
-fn march_avx2(parts: &[Part<'_, '_>], walks: &mut [Walk], rays: &mut [Ray; PIXELS]) {
-    march(parts, walks, rays);
-}
-
 #[inline(always)]
 fn march(parts: &[Part<'_, '_>], walks: &mut [Walk], rays: &mut [Ray; PIXELS]) {
     let Some(Part { frame, .. }) = parts.first() else { return };
@@ -265,46 +248,29 @@ fn march(parts: &[Part<'_, '_>], walks: &mut [Walk], rays: &mut [Ray; PIXELS]) {
     }
 }
 
-fn take_of(frame: &Frame<'_>) -> Take {
-    let encoding = &frame.settings.encoding;
-    match (encoding.format, encoding.has_invalid) {
-        (SlotFormat::U8, false) => for_machine::<Code8<false>>(),
-        (SlotFormat::U8, true) => for_machine::<Code8<true>>(),
-        (SlotFormat::U16, false) => for_machine::<Code16<false>>(),
-        (SlotFormat::U16, true) => for_machine::<Code16<true>>(),
-        // One function for both: testing a voxel for a value costs little beside the fetch.
-        (SlotFormat::F32, _) => for_machine::<Float32>(),
+/// The function for taking a layer's samples.
+struct Taking;
+
+impl Choice for Taking {
+    type Chosen = Take;
+
+    fn of<C: Code, U: Unit>(self) -> Take {
+        take::<C, U>
     }
 }
 
-fn for_machine<C: Code>() -> Take {
-    #[cfg(target_arch = "x86_64")]
-    if std::arch::is_x86_feature_detected!("avx2") {
-        // SAFETY: the machine has AVX2.
-        return |part, packets, chunk, media| unsafe { take_avx2::<C>(part, packets, chunk, media) };
-    }
-    take::<C, Portable>
-}
-
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2")]
-fn take_avx2<C: Code>(part: &Part<'_, '_>, packets: u32, chunk: &mut SampleChunk, media: &mut Media) {
-    take::<C, Avx2>(part, packets, chunk, media);
-}
-
-#[inline(always)]
-fn take<C: Code, U: Unit>(
-    Part { frame, cell, share, .. }: &Part<'_, '_>,
-    packets: u32,
-    chunk: &mut SampleChunk,
-    media: &mut Media,
-) {
-    let brick = Brick::new::<C>(cell.brick.voxels(), frame.edge + 2 * frame.apron, frame.map);
-    let weight = chunk.weight;
-    // SAFETY: the samples have been located in a brick of the same size.
-    unsafe { brick.sample_located::<C, U>(packets, chunk) };
-    add_fog::<U>(frame, *share, packets, chunk, &mut media.mixed, &mut media.is_any);
-    if C::INVALID {
-        chunk.weight = weight;
-    }
+fn take<C: Code, U: Unit>(part: &Part<'_, '_>, packets: u32, chunk: &mut SampleChunk, media: &mut Media) {
+    let Part { frame, cell, share, .. } = *part;
+    U::call(
+        #[inline(always)]
+        move || {
+            let weight = chunk.weight;
+            // SAFETY: the samples have been located in a brick of the same size.
+            unsafe { frame.brick::<C>(cell).sample_located::<C, U>(packets, chunk) };
+            add_fog::<U>(frame, share, packets, chunk, &mut media.mixed, &mut media.is_any);
+            if C::INVALID {
+                chunk.weight = weight;
+            }
+        },
+    );
 }

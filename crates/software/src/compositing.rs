@@ -11,22 +11,22 @@
 
 use crate::channels::{self, Channels, Walks};
 use crate::frame::{Cell, Frame};
-use crate::gather::{Gather, Way, gather_of};
+use crate::gather::{Gather, Gathering, Way};
 use crate::macrocells::{Coverage, Reach};
 use crate::march::Seen;
-use crate::media::{Media, See};
+use crate::media::Media;
 use crate::meshes::MeshLayers;
 use crate::packet::CHUNK;
 use crate::ray::{FAINTEST, Past, Ray};
 use crate::sample::SampleChunk;
 use crate::tiles::{PIXELS, Tile, place, places};
+use crate::unit::{Choice, call};
 use brickyard_volume::{Combination, CutFace};
 use glam::{DVec3, Vec4};
 
 /// Drawing of a frame's layers together, ray by ray or cell by cell.
 pub(crate) struct JointMarch<'a> {
     gathers: Vec<Gather>,
-    see: See,
     has_surfaces: bool,
     combination: Option<&'a Combination>,
     /// The cells of all layers, front to back, if they are of one cut.
@@ -94,7 +94,8 @@ struct Work {
 impl<'a> JointMarch<'a> {
     pub(crate) fn new(frames: &[Frame<'_>], combination: Option<&'a Combination>, is_one_cut: bool) -> Self {
         let has_surfaces = frames.iter().any(|frame| !frame.settings.surfaces.is_empty());
-        let gather = |frame| gather_of(frame, has_surfaces, combination.is_some());
+        let is_read = combination.is_some();
+        let gather = |frame| Gathering { frame, has_surfaces, is_read }.for_machine(&frame.settings.encoding);
         let cells = is_one_cut.then(|| {
             let mut cells = Vec::new();
             for (layer, frame) in (0..).zip(frames) {
@@ -104,14 +105,7 @@ impl<'a> JointMarch<'a> {
             cells
         });
         let channels = (is_one_cut && combination.is_none() && !has_surfaces).then(|| Channels::new(frames)).flatten();
-        Self {
-            gathers: frames.iter().map(gather).collect(),
-            see: See::for_machine(),
-            has_surfaces,
-            combination,
-            cells,
-            channels,
-        }
+        Self { gathers: frames.iter().map(gather).collect(), has_surfaces, combination, cells, channels }
     }
 
     fn work(&self, frames: &[Frame<'_>]) -> Work {
@@ -319,7 +313,10 @@ impl Work {
                     None => color,
                 });
             }
-            light = (together.see.0)(&mut self.media, count, light);
+            light = call(
+                #[inline(always)]
+                || self.media.see(count, light),
+            );
             for Entry { layer, cell, segment } in self.entries.drain(..) {
                 let (frame, visibility) = (&frames[layer], self.media.light[segment]);
                 let cell = &frame.cells[cell as usize];

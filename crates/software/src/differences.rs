@@ -8,10 +8,9 @@
 
 use crate::gradients::Gradients;
 use crate::packet::{LANES, Packet};
-#[cfg(target_arch = "x86_64")]
-use crate::sample::Avx2;
-use crate::sample::{Brick, Code, Portable, Unit, mix, mix_packets};
+use crate::sample::{Brick, Code, mix, mix_packets};
 use crate::stretch::March;
+use crate::unit::Unit;
 use brickyard_volume::Gradient;
 
 /// Voxels along the edge of the smallest brick with two voxels on each side of a place.
@@ -200,24 +199,10 @@ impl Brick<'_> {
     /// [`Brick::central_differences`] by six samples. Not inlined: it is large and rarely needed.
     #[inline(always)]
     fn six_samples<C: Code, U: Unit>(&self, points: &[Packet; 3], middle: &Packet, differences: &mut [Packet; 3]) {
-        #[cfg(target_arch = "x86_64")]
-        if U::AVX2 {
-            // SAFETY: the machine has AVX2.
-            return unsafe { self.six_samples_avx2::<C>(points, middle, differences) };
-        }
-        self.six_samples_portable::<C>(points, middle, differences);
-    }
-
-    #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx2")]
-    #[inline(never)]
-    fn six_samples_avx2<C: Code>(&self, points: &[Packet; 3], middle: &Packet, differences: &mut [Packet; 3]) {
-        self.six_samples_on::<C, Avx2>(points, middle, differences);
-    }
-
-    #[inline(never)]
-    fn six_samples_portable<C: Code>(&self, points: &[Packet; 3], middle: &Packet, differences: &mut [Packet; 3]) {
-        self.six_samples_on::<C, Portable>(points, middle, differences);
+        U::call(
+            #[inline(always)]
+            move || self.six_samples_on::<C, U>(points, middle, differences),
+        );
     }
 
     #[inline(always)]
@@ -268,6 +253,7 @@ impl March<'_> {
 mod tests {
     use super::*;
     use crate::sample::{Code8, Code16, CodeMap, Float32};
+    use crate::unit::Portable;
     use brickyard_volume::slot_encoding::INVALID_SLOT;
 
     const PADDED: usize = 7;

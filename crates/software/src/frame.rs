@@ -6,7 +6,7 @@ use crate::macrocells::{Mask, over_boxes};
 use crate::packet::{LANES, Packet};
 use crate::painting::Painting;
 use crate::reading::Reading;
-use crate::sample::CodeMap;
+use crate::sample::{Brick, Code, CodeMap};
 use crate::steps::StepTables;
 use crate::ticks::Ticks;
 use brickyard_pager::{DrawCell, DrawList, PixelShare, Slot};
@@ -266,6 +266,12 @@ impl Frame<'_> {
     /// How far to shift the lattice of a pixel's ray towards the eye; `t_in` is the distance of the ray's entry.
     pub(crate) fn shift(&self, x: u32, y: u32, t_in: f64) -> f64 {
         self.settings.lattice.shift(self.settings.sampling.jitter.share(x, y), t_in)
+    }
+
+    /// A cell's brick, checked against the layout of its codes.
+    #[inline(always)]
+    pub(crate) fn brick<'b, C: Code>(&self, cell: &Cell<'b>) -> Brick<'b> {
+        Brick::new::<C>(cell.brick.voxels(), self.edge + 2 * self.apron, self.map)
     }
 
     /// The most light of any ray that entered a cell so far, 0 to 1.

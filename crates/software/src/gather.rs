@@ -13,14 +13,13 @@ use crate::path::Path;
 use crate::pieces::Pieces;
 use crate::ray::Ray;
 use crate::reading::Reading;
-#[cfg(target_arch = "x86_64")]
-use crate::sample::Avx2;
-use crate::sample::{ALL_PACKETS, Brick, Code, Code8, Code16, Float32, Portable, SampleChunk, Unit};
+use crate::sample::{ALL_PACKETS, Code, SampleChunk};
 use crate::stretch::{March, Stretch};
 use crate::transfer_table::Entries;
+use crate::unit::{Choice, Unit};
 use brickyard_volume::sampling::Curve;
 use brickyard_volume::surface::Meeting;
-use brickyard_volume::{Method, Mode, SlotFormat};
+use brickyard_volume::{Method, Mode};
 use glam::{DVec3, Vec4};
 use std::ops::Range;
 
@@ -118,30 +117,30 @@ trait Look {
     );
 }
 
-/// Returns this machine's function for gathering a layer, in a picture with or without surfaces, or for an expression
-/// reading the layer's values.
-pub(crate) fn gather_of(frame: &Frame<'_>, has_surfaces: bool, is_read: bool) -> Gather {
-    fn with_code<C: Code>(frame: &Frame<'_>, has_surfaces: bool, is_read: bool) -> Gather {
-        let method = frame.settings.method();
-        if is_read {
-            return for_machine::<C, Read>();
+/// The function for gathering a layer.
+pub(crate) struct Gathering<'a> {
+    pub(crate) frame: &'a Frame<'a>,
+    /// Whether any layer of the picture has surfaces.
+    pub(crate) has_surfaces: bool,
+    /// Whether an expression reads the layer's values.
+    pub(crate) is_read: bool,
+}
+
+impl Choice for Gathering<'_> {
+    type Chosen = Gather;
+
+    fn of<C: Code, U: Unit>(self) -> Gather {
+        let settings = self.frame.settings;
+        if self.is_read {
+            return gather::<C, U, Read>;
         }
-        if is_plain(frame) && !has_surfaces {
-            return for_machine::<C, Plain>();
+        if is_plain(self.frame) && !self.has_surfaces {
+            return gather::<C, U, Plain>;
         }
-        match method.curve() == Curve::Middle && frame.settings.surfaces.is_empty() {
-            true => for_machine::<C, Any<false>>(),
-            false => for_machine::<C, Any<true>>(),
+        match settings.method().curve() == Curve::Middle && settings.surfaces.is_empty() {
+            true => gather::<C, U, Any<false>>,
+            false => gather::<C, U, Any<true>>,
         }
-    }
-    let encoding = &frame.settings.encoding;
-    match (encoding.format, encoding.has_invalid) {
-        (SlotFormat::U8, false) => with_code::<Code8<false>>(frame, has_surfaces, is_read),
-        (SlotFormat::U8, true) => with_code::<Code8<true>>(frame, has_surfaces, is_read),
-        (SlotFormat::U16, false) => with_code::<Code16<false>>(frame, has_surfaces, is_read),
-        (SlotFormat::U16, true) => with_code::<Code16<true>>(frame, has_surfaces, is_read),
-        // One function for both: testing a voxel for a value costs little beside the fetch.
-        (SlotFormat::F32, _) => with_code::<Float32>(frame, has_surfaces, is_read),
     }
 }
 
@@ -152,32 +151,6 @@ pub(crate) fn is_plain(frame: &Frame<'_>) -> bool {
     is_bare && settings.mode == Mode::Dvr && settings.method() == Method::Udvr
 }
 
-fn for_machine<C: Code, L: Look>() -> Gather {
-    #[cfg(target_arch = "x86_64")]
-    if std::arch::is_x86_feature_detected!("avx2") {
-        // SAFETY: the machine has AVX2.
-        return |frame, cell, way, run, at, chunk, media| unsafe {
-            gather_avx2::<C, L>(frame, cell, way, run, at, chunk, media);
-        };
-    }
-    gather::<C, Portable, L>
-}
-
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2")]
-fn gather_avx2<C: Code, L: Look>(
-    frame: &Frame<'_>,
-    cell: &Cell<'_>,
-    way: &mut Way,
-    run: Range<u32>,
-    at: usize,
-    chunk: &mut SampleChunk,
-    media: &mut Media,
-) {
-    gather::<C, Avx2, L>(frame, cell, way, run, at, chunk, media);
-}
-
-#[inline(always)]
 fn gather<C: Code, U: Unit, L: Look>(
     frame: &Frame<'_>,
     cell: &Cell<'_>,
@@ -187,25 +160,31 @@ fn gather<C: Code, U: Unit, L: Look>(
     chunk: &mut SampleChunk,
     media: &mut Media,
 ) {
-    let brick = Brick::new::<C>(cell.brick.voxels(), frame.edge + 2 * frame.apron, frame.map);
-    let march = March { frame, cell, brick };
-    let mut tick = run.start;
-    while tick < run.end {
-        if way.stretch.end <= tick {
-            way.begin(frame, cell, tick, L::ENDS);
-        }
-        let Stretch { start, end, zone, .. } = way.stretch;
-        let until = if end < run.end { end } else { run.end };
-        let first = at as i32 + ((tick - run.start) >> zone) as i32 - ((tick - start) >> zone) as i32;
-        while let Some(segments) = way.next_seen(((until - start) >> zone) as i32) {
-            let seen = media.end;
-            L::take::<C, U>(&march, way, segments, first, chunk, media);
-            if media.end < seen {
-                return;
+    U::call(
+        #[inline(always)]
+        move || {
+            let brick = frame.brick::<C>(cell);
+            let mut tick = run.start;
+            while tick < run.end {
+                if way.stretch.end <= tick {
+                    way.begin(frame, cell, tick, L::ENDS);
+                }
+                let stretch = way.stretch;
+                let march = March { frame, cell, brick, stretch: &stretch };
+                let Stretch { start, end, zone, .. } = stretch;
+                let until = if end < run.end { end } else { run.end };
+                let first = at as i32 + ((tick - run.start) >> zone) as i32 - ((tick - start) >> zone) as i32;
+                while let Some(segments) = way.next_seen(((until - start) >> zone) as i32) {
+                    let seen = media.end;
+                    L::take::<C, U>(&march, way, segments, first, chunk, media);
+                    if media.end < seen {
+                        return;
+                    }
+                }
+                tick = until;
             }
-        }
-        tick = until;
-    }
+        },
+    );
 }
 
 /// One sample in the middle of each segment, classified by its value alone, without surfaces.
@@ -224,7 +203,7 @@ impl Look for Plain {
         media: &mut Media,
     ) {
         let first = (at + segments.start) as usize;
-        sample::<C, U>(march, way, segments, chunk);
+        march.sample::<C, U>(&way.ray, chunk, segments);
         add_fog::<U>(march.frame, 1.0, ALL_PACKETS, chunk, &mut media.mixed[first..], &mut media.is_any);
     }
 }
@@ -273,17 +252,17 @@ impl<const ENDS: bool> Look for Any<ENDS> {
     #[inline(always)]
     fn take<C: Code, U: Unit>(
         march: &March<'_>,
-        Way { ray, stretch, .. }: &mut Way,
+        Way { ray, .. }: &mut Way,
         segments: Range<i32>,
         at: i32,
         chunk: &mut SampleChunk,
         media: &mut Media,
     ) {
         let has_fog = march.frame.settings.mode == Mode::Dvr;
-        let path = Path::new(march, stretch, ray);
+        let path = Path::new(march, ray);
         (media.alone.blend, media.alone.first) = (march.frame.blend, at);
-        stretch.reach(ray, &segments, C::INVALID && march.frame.settings.encoding.has_invalid);
-        let mut pieces = Pieces::new(march, stretch, path, segments);
+        march.stretch.reach(ray, &segments, C::INVALID && march.frame.settings.encoding.has_invalid);
+        let mut pieces = Pieces::new(march, path, segments);
         while let Some(piece) = pieces.next::<C, U>(ray) {
             if has_fog {
                 let mut next = piece.segments.start;
@@ -324,9 +303,9 @@ impl Look for Read {
         chunk: &mut SampleChunk,
         media: &mut Media,
     ) {
-        sample::<C, U>(march, way, segments.clone(), chunk);
+        march.sample::<C, U>(&way.ray, chunk, segments.clone());
         let (read, is_lit) = (media.values.len() / CHUNK, march.frame.is_lit);
-        let path = is_lit.then(|| Path::new(march, &way.stretch, &way.ray));
+        let path = is_lit.then(|| Path::new(march, &way.ray));
         for (i, segment) in segments.enumerate().take(CHUNK) {
             let (code, weight) = (chunk.code[i / LANES][i % LANES], chunk.weight[i / LANES][i % LANES]);
             if weight > 0.0 {
@@ -347,16 +326,4 @@ impl Look for Read {
             }
         }
     }
-}
-
-#[inline(always)]
-fn sample<C: Code, U: Unit>(
-    march: &March<'_>,
-    Way { ray, stretch, .. }: &Way,
-    segments: Range<i32>,
-    chunk: &mut SampleChunk,
-) {
-    let Stretch { origin, step, .. } = *stretch;
-    stretch.place_samples(march.frame, ray, chunk, segments, C::INVALID);
-    march.brick.read::<C, U>(march.frame.reading, origin, step, chunk);
 }

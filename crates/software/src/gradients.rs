@@ -2,9 +2,7 @@
 //! where a central difference takes 48 voxels.
 
 use crate::packet::{LANES, Packet};
-#[cfg(target_arch = "x86_64")]
-use crate::sample::Avx2;
-use crate::sample::{Portable, Unit};
+use crate::unit::Unit;
 use brickyard_volume::GradientNodes;
 use brickyard_volume::gradients::{NODE_BYTES, decode, from_half};
 use glam::Vec3;
@@ -54,23 +52,14 @@ impl<'a> Gradients<'a> {
     /// [`Gradients::at`] at eight slot coordinates, given axis by axis, times `scale`. Not inlined: it is large.
     #[inline(always)]
     pub(crate) fn packet<U: Unit>(&self, points: &[Packet; 3], scale: f32, differences: &mut [Packet; 3]) {
-        #[cfg(target_arch = "x86_64")]
-        if U::AVX2 {
-            // SAFETY: the machine has AVX2.
-            return unsafe { self.packet_avx2(points, scale, differences) };
-        }
-        self.packet_on::<Portable>(points, scale, differences);
-    }
-
-    #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx2")]
-    #[inline(never)]
-    fn packet_avx2(&self, points: &[Packet; 3], scale: f32, differences: &mut [Packet; 3]) {
-        self.packet_on::<Avx2>(points, scale, differences);
+        U::call(
+            #[inline(always)]
+            move || self.packet_on(points, scale, differences),
+        );
     }
 
     #[inline(always)]
-    fn packet_on<U: Unit>(&self, points: &[Packet; 3], scale: f32, differences: &mut [Packet; 3]) {
+    fn packet_on(&self, points: &[Packet; 3], scale: f32, differences: &mut [Packet; 3]) {
         let (mut first, mut t) = ([0; LANES], [[0.0; LANES]; 3]);
         for a in [2, 1, 0] {
             for i in 0..LANES {
@@ -118,6 +107,7 @@ fn mix<const N: usize, const HALF: usize>(all: &[[f32; 4]; N], t: f32) -> [[f32;
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::unit::Portable;
 
     #[test]
     fn a_packet_has_what_each_of_its_places_has() {

@@ -59,6 +59,7 @@ mod ticks;
 mod tile;
 mod tiles;
 mod transfer_table;
+mod unit;
 
 pub use options::SoftwareOptions;
 pub use painting::{KeptTiles, Painting};

@@ -6,11 +6,10 @@
 use crate::frame::Frame;
 use crate::packet::{LANES, PACKETS, Packet};
 use crate::ray::{FAINTEST, Ray};
-#[cfg(target_arch = "x86_64")]
-use crate::sample::Avx2;
-use crate::sample::{Code, Portable, SampleChunk, Unit};
+use crate::sample::{Code, SampleChunk};
 use crate::shade::{Shade, Shaded};
-use crate::stretch::{March, Stretch};
+use crate::stretch::March;
+use crate::unit::Unit;
 use brickyard_volume::{Filter, Method, Mode};
 use glam::Vec4;
 
@@ -24,36 +23,15 @@ pub(crate) fn is_lit_plainly(frame: &Frame<'_>) -> bool {
 
 /// Passes light through the visible packets of a chunk. A call of its own on each vector unit: it is large.
 #[inline(always)]
-pub(crate) fn see<C: Code, U: Unit>(
-    march: &March<'_>,
-    stretch: &Stretch,
-    ray: &Ray,
-    chunk: &mut SampleChunk,
-    shows: u32,
-) -> Vec4 {
-    #[cfg(target_arch = "x86_64")]
-    if U::AVX2 {
-        // SAFETY: the machine has AVX2.
-        return unsafe { see_avx2::<C>(march, stretch, ray, chunk, shows) };
-    }
-    see_on::<C, Portable>(march, stretch, ray, chunk, shows)
-}
-
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2")]
-#[inline(never)]
-fn see_avx2<C: Code>(march: &March<'_>, stretch: &Stretch, ray: &Ray, chunk: &mut SampleChunk, shows: u32) -> Vec4 {
-    see_on::<C, Avx2>(march, stretch, ray, chunk, shows)
+pub(crate) fn see<C: Code, U: Unit>(march: &March<'_>, ray: &Ray, chunk: &mut SampleChunk, shows: u32) -> Vec4 {
+    U::call(
+        #[inline(always)]
+        move || see_on::<C, U>(march, ray, chunk, shows),
+    )
 }
 
 #[inline(always)]
-fn see_on<C: Code, U: Unit>(
-    march: &March<'_>,
-    stretch: &Stretch,
-    ray: &Ray,
-    chunk: &mut SampleChunk,
-    shows: u32,
-) -> Vec4 {
+fn see_on<C: Code, U: Unit>(march: &March<'_>, ray: &Ray, chunk: &mut SampleChunk, shows: u32) -> Vec4 {
     let (eye, view) = march.world_ray(ray);
     let cut = march.cut(ray);
     let shade = Shade::new(&march.frame.settings.lighting, march.slopes(), eye, view, cut);
@@ -64,7 +42,7 @@ fn see_on<C: Code, U: Unit>(
             continue;
         }
         let along = &chunk.along[p];
-        light_packet::<C, U>(march, stretch, &shade, (along, &chunk.code[p]), &mut shaded);
+        light_packet::<C, U>(march, &shade, (along, &chunk.code[p]), &mut shaded);
         for i in 0..LANES {
             let step = chunk.entry[p][i];
             color += shade.lit(&shaded, i, step, 1.0 - step.w) * light;
@@ -80,11 +58,11 @@ fn see_on<C: Code, U: Unit>(
 #[inline(always)]
 fn light_packet<C: Code, U: Unit>(
     march: &March<'_>,
-    stretch: &Stretch,
     shade: &Shade<'_>,
     (along, code): (&Packet, &Packet),
     shaded: &mut Shaded,
 ) {
+    let stretch = march.stretch;
     let (mut points, mut differences, mut distance) = ([[0.0; LANES]; 3], [[0.0; LANES]; 3], [0.0; LANES]);
     for a in 0..3 {
         for i in 0..LANES {

@@ -10,14 +10,13 @@ use crate::modes::{Accumulate, Average, Dvr, MinIp, Mip};
 use crate::packet::LANES;
 use crate::ray::Ray;
 use crate::reading::Reading;
-#[cfg(target_arch = "x86_64")]
-use crate::sample::Avx2;
-use crate::sample::{Brick, Code, Code8, Code16, Float32, Portable, SampleChunk};
+use crate::sample::{Brick, Code, SampleChunk};
 use crate::stretch::{March, Stretch};
 use crate::surface::Isosurface;
 use crate::tiles::{PIXELS, Tile, place, places};
+use crate::unit::{Choice, Unit};
 use brickyard_volume::sampling::Curve;
-use brickyard_volume::{Filter, Method, Mode, SlotFormat};
+use brickyard_volume::{Filter, Method, Mode};
 use glam::Vec4;
 use std::ops::Range;
 
@@ -30,10 +29,10 @@ type MarchRays = fn(Sampler, &Frame<'_>, &Tile, Option<&MeshLayers>, &mut Work, 
 /// The sampling of a cell's brick: two functions of one code width.
 #[derive(Clone, Copy)]
 struct Sampler {
-    /// The cell and its brick, checked against the code width.
-    through: for<'a> fn(&'a Frame<'a>, &'a Cell<'a>) -> March<'a>,
-    /// Adds some segments of a stretch through such a cell to the ray's sum.
-    take: fn(&March<'_>, &Stretch, &mut Ray, &mut SampleChunk, Range<i32>),
+    /// The cell's brick, checked against the code width.
+    brick: for<'a> fn(&Frame<'_>, &Cell<'a>) -> Brick<'a>,
+    /// Adds some segments of a stretch through such a brick to the ray's sum.
+    take: fn(&March<'_>, &mut Ray, &mut SampleChunk, Range<i32>),
 }
 
 /// The loop and the sampler for one volume's layer.
@@ -43,6 +42,13 @@ pub(crate) struct MarchTile {
 }
 
 impl MarchTile {
+    fn new<C: Code, U: Unit, B: Accumulate>() -> Self {
+        Self {
+            march: march::<U, B>,
+            sampler: Sampler { brick: |frame, cell| frame.brick::<C>(cell), take: take::<C, U, B> },
+        }
+    }
+
     pub(crate) fn march(
         &self,
         frame: &Frame<'_>,
@@ -55,78 +61,41 @@ impl MarchTile {
     }
 }
 
-/// Chooses the march for this frame's layer on this machine.
-pub(crate) fn for_frame(frame: &Frame<'_>) -> MarchTile {
-    fn with_code<C: Code>(frame: &Frame<'_>) -> MarchTile {
-        let method = frame.settings.method();
-        let is_bare = !frame.is_lit && frame.grid.is_none();
-        let is_plain = method == Method::Udvr && frame.reading != Reading::Filtered(Filter::Tricubic) && is_bare;
-        match frame.settings.mode {
-            Mode::Isosurface if frame.is_one_opaque_surface => for_machine::<C, Isosurface>(),
-            Mode::Isosurface => for_machine::<C, Medium<true>>(),
-            Mode::Dvr if !frame.settings.surfaces.is_empty() => for_machine::<C, Medium<true>>(),
-            Mode::Dvr if is_plain || is_lit_plainly(frame) => for_machine::<C, Dvr>(),
-            Mode::Dvr if method.curve() == Curve::Middle => for_machine::<C, Medium<false>>(),
-            Mode::Dvr => for_machine::<C, Medium<true>>(),
-            Mode::Mip => for_machine::<C, Mip>(),
-            Mode::MinIp => for_machine::<C, MinIp>(),
-            Mode::Average => for_machine::<C, Average>(),
+/// The march for this frame's layer, drawn alone.
+impl Choice for &Frame<'_> {
+    type Chosen = MarchTile;
+
+    fn of<C: Code, U: Unit>(self) -> MarchTile {
+        let method = self.settings.method();
+        let is_bare = !self.is_lit && self.grid.is_none();
+        let is_plain = method == Method::Udvr && self.reading != Reading::Filtered(Filter::Tricubic) && is_bare;
+        match self.settings.mode {
+            Mode::Isosurface if self.is_one_opaque_surface => MarchTile::new::<C, U, Isosurface>(),
+            Mode::Isosurface => MarchTile::new::<C, U, Medium<true>>(),
+            Mode::Dvr if !self.settings.surfaces.is_empty() => MarchTile::new::<C, U, Medium<true>>(),
+            Mode::Dvr if is_plain || is_lit_plainly(self) => MarchTile::new::<C, U, Dvr>(),
+            Mode::Dvr if method.curve() == Curve::Middle => MarchTile::new::<C, U, Medium<false>>(),
+            Mode::Dvr => MarchTile::new::<C, U, Medium<true>>(),
+            Mode::Mip => MarchTile::new::<C, U, Mip>(),
+            Mode::MinIp => MarchTile::new::<C, U, MinIp>(),
+            Mode::Average => MarchTile::new::<C, U, Average>(),
         }
     }
-    let encoding = &frame.settings.encoding;
-    match (encoding.format, encoding.has_invalid) {
-        (SlotFormat::U8, false) => with_code::<Code8<false>>(frame),
-        (SlotFormat::U8, true) => with_code::<Code8<true>>(frame),
-        (SlotFormat::U16, false) => with_code::<Code16<false>>(frame),
-        (SlotFormat::U16, true) => with_code::<Code16<true>>(frame),
-        // One function for both: testing a voxel for a value costs little beside the fetch.
-        (SlotFormat::F32, _) => with_code::<Float32>(frame),
-    }
 }
 
-fn for_machine<C: Code, B: Accumulate>() -> MarchTile {
-    #[cfg(target_arch = "x86_64")]
-    if std::arch::is_x86_feature_detected!("avx2") {
-        return MarchTile {
-            // SAFETY: the machine has AVX2.
-            march: |sampler, frame, tile, layers, work, seen| unsafe {
-                march_avx2::<B>(sampler, frame, tile, layers, work, seen);
-            },
-            sampler: Sampler {
-                through: through::<C>,
-                // SAFETY: the machine has AVX2.
-                take: |march, stretch, ray, chunk, segments| unsafe {
-                    take_avx2::<C, B>(march, stretch, ray, chunk, segments);
-                },
-            },
-        };
-    }
-    portable::<C, B>()
-}
-
-fn portable<C: Code, B: Accumulate>() -> MarchTile {
-    MarchTile { march: march::<B>, sampler: Sampler { through: through::<C>, take: B::take::<C, Portable> } }
-}
-
-fn through<'a, C: Code>(frame: &'a Frame<'a>, cell: &'a Cell<'a>) -> March<'a> {
-    March { frame, cell, brick: Brick::new::<C>(cell.brick.voxels(), frame.edge + 2 * frame.apron, frame.map) }
-}
-
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2")]
-fn take_avx2<C: Code, B: Accumulate>(
+fn take<C: Code, U: Unit, B: Accumulate>(
     march: &March<'_>,
-    stretch: &Stretch,
     ray: &mut Ray,
     chunk: &mut SampleChunk,
     segments: Range<i32>,
 ) {
-    B::take::<C, Avx2>(march, stretch, ray, chunk, segments);
+    U::call(
+        #[inline(always)]
+        move || B::take::<C, U>(march, ray, chunk, segments),
+    );
 }
 
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2")]
-fn march_avx2<B: Accumulate>(
+fn march<U: Unit, B: Accumulate>(
     sampler: Sampler,
     frame: &Frame<'_>,
     tile: &Tile,
@@ -134,19 +103,10 @@ fn march_avx2<B: Accumulate>(
     work: &mut Work,
     seen: &mut Seen,
 ) {
-    march::<B>(sampler, frame, tile, layers, work, seen);
-}
-
-#[inline(always)]
-fn march<B: Accumulate>(
-    sampler: Sampler,
-    frame: &Frame<'_>,
-    tile: &Tile,
-    layers: Option<&MeshLayers>,
-    work: &mut Work,
-    seen: &mut Seen,
-) {
-    work.march::<B>(sampler, frame, tile, layers);
+    U::call(
+        #[inline(always)]
+        || work.march::<B>(sampler, frame, tile, layers),
+    );
     for i in places(tile) {
         seen[i] = B::seen(frame, work.rays[i].sum);
     }
@@ -275,19 +235,20 @@ impl Queue {
                 look::<B>(stretch, (frame, cell), ray.sum, &mut self.boxes);
             }
         }
-        let march = (sampler.through)(frame, cell);
+        let brick = (sampler.brick)(frame, cell);
         let mut ended = 0;
-        for stretch in stretches {
+        for stretch in &*stretches {
             if stretch.count > LONG && frame.is_given_up() {
                 break;
             }
             let ray = &mut rays[stretch.ray];
             let mut seen = stretch.seen;
+            let march = March { frame, cell, brick, stretch };
             // A ray may have several stretches. Neighbouring blocks are sampled together.
             while !B::is_final(frame, ray.sum)
                 && let Some(segments) = stretch.next_seen(&mut seen)
             {
-                (sampler.take)(&march, stretch, ray, chunk, segments);
+                (sampler.take)(&march, ray, chunk, segments);
                 if B::is_final(frame, ray.sum) {
                     ended += (ray.cursor < ray.end) as u32;
                     ray.cursor = ray.end;
@@ -325,8 +286,10 @@ mod tests {
     use crate::frame::Resident;
     use crate::medium::Medium;
     use crate::modes::Accumulate;
+    use crate::sample::{Code8, Code16, Float32};
     use crate::surface::Isosurface;
     use crate::tiles::TILE_PX;
+    use crate::unit::Portable;
     use brickyard_pager::{DrawCell, DrawList, PixelShare, Slot};
     use brickyard_volume::macrocells::MacroCells;
     use brickyard_volume::slot_encoding::INVALID_SLOT;
@@ -397,9 +360,9 @@ mod tests {
             march.march(&frame, &tile, None, &mut Work::new(), &mut seen);
             seen.map(|color| color.to_array().map(f32::to_bits))
         };
-        let portable = drawn(portable::<C, B>());
+        let portable = drawn(MarchTile::new::<C, Portable, B>());
         assert!(portable.iter().collect::<std::collections::BTreeSet<_>>().len() > 50, "a flat picture proves nothing");
-        assert_eq!(portable, drawn(for_frame(&frame)), "{mode:?}");
+        assert_eq!(portable, drawn(frame.for_machine(&encoding)), "{mode:?}");
     }
 
     #[test]

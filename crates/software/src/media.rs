@@ -176,23 +176,3 @@ impl Found {
         passage.pass(&[mixed], light, &mut [0.0])
     }
 }
-
-/// A function like [`Media::see`] for this machine's vector unit.
-pub(crate) struct See(pub(crate) fn(&mut Media, usize, Vec4) -> Vec4);
-
-impl See {
-    pub(crate) fn for_machine() -> Self {
-        #[cfg(target_arch = "x86_64")]
-        if std::arch::is_x86_feature_detected!("avx2") {
-            // SAFETY: the machine has AVX2.
-            return Self(|media, count, light| unsafe { see_avx2(media, count, light) });
-        }
-        Self(Media::see)
-    }
-}
-
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2")]
-fn see_avx2(media: &mut Media, count: usize, light: Vec4) -> Vec4 {
-    media.see(count, light)
-}

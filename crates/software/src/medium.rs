@@ -7,8 +7,9 @@ use crate::path::Path;
 use crate::pieces::Pieces;
 use crate::ray::{FAINTEST, NO_RANK, Ray};
 use crate::row::{Passed, Row};
-use crate::sample::{Code, SampleChunk, Unit};
-use crate::stretch::{March, Stretch};
+use crate::sample::{Code, SampleChunk};
+use crate::stretch::March;
+use crate::unit::Unit;
 use brickyard_volume::Mode;
 use glam::Vec4;
 use std::ops::Range;
@@ -35,20 +36,14 @@ impl<const ENDS: bool> Accumulate for Medium<ENDS> {
     }
 
     #[inline(always)]
-    fn take<C: Code, U: Unit>(
-        march: &March<'_>,
-        stretch: &Stretch,
-        ray: &mut Ray,
-        chunk: &mut SampleChunk,
-        segments: Range<i32>,
-    ) {
-        let path = Path::new(march, stretch, ray);
+    fn take<C: Code, U: Unit>(march: &March<'_>, ray: &mut Ray, chunk: &mut SampleChunk, segments: Range<i32>) {
+        let path = Path::new(march, ray);
         if !ENDS {
             return take::<C, U>(&path, ray, segments, &mut chunk.media);
         }
-        stretch.reach(ray, &segments, C::INVALID && march.frame.settings.encoding.has_invalid);
+        march.stretch.reach(ray, &segments, C::INVALID && march.frame.settings.encoding.has_invalid);
         let has_fog = march.frame.settings.mode == Mode::Dvr;
-        let mut pieces = Pieces::new(march, stretch, path, segments);
+        let mut pieces = Pieces::new(march, path, segments);
         while !Self::is_final(march.frame, ray.sum)
             && let Some(piece) = pieces.next::<C, U>(ray)
         {

@@ -10,10 +10,11 @@ use crate::macrocells::{Coverage, Reach};
 use crate::packet::{CHUNK, LANES, PACKETS, Packet, exp2, log2};
 use crate::ray::{FAINTEST, Ray};
 use crate::reading::Reading;
-use crate::sample::{Code, SampleChunk, Unit};
+use crate::sample::{Code, SampleChunk};
 use crate::steps::StepTable;
-use crate::stretch::{March, Stretch};
+use crate::stretch::March;
 use crate::transfer_table::Entries;
+use crate::unit::Unit;
 use brickyard_volume::Extreme;
 use glam::{Vec4, Vec4Swizzles};
 use std::ops::Range;
@@ -50,13 +51,7 @@ pub(crate) trait Accumulate {
     }
 
     /// Adds some segments of a stretch to the ray's sum, or fewer if nothing behind those is visible.
-    fn take<C: Code, U: Unit>(
-        march: &March<'_>,
-        stretch: &Stretch,
-        ray: &mut Ray,
-        chunk: &mut SampleChunk,
-        segments: Range<i32>,
-    );
+    fn take<C: Code, U: Unit>(march: &March<'_>, ray: &mut Ray, chunk: &mut SampleChunk, segments: Range<i32>);
 
     /// Whether no further sample can change the result of this sum.
     fn is_final(frame: &Frame<'_>, sum: Vec4) -> bool;
@@ -76,8 +71,7 @@ pub(crate) trait Sum: Accumulate {
 /// Adds the samples of some segments of a stretch, or fewer if nothing behind those is visible.
 #[inline(always)]
 fn add<C: Code, B: Sum, U: Unit>(
-    March { frame, cell, brick }: &March<'_>,
-    stretch: &Stretch,
+    March { frame, cell, brick, stretch }: &March<'_>,
     ray: &mut Ray,
     chunk: &mut SampleChunk,
     Range { start: from, end: to }: Range<i32>,
@@ -200,24 +194,17 @@ impl Accumulate for Dvr {
     const OCCLUDES: bool = true;
 
     #[inline(always)]
-    fn take<C: Code, U: Unit>(
-        march: &March<'_>,
-        stretch: &Stretch,
-        ray: &mut Ray,
-        chunk: &mut SampleChunk,
-        segments: Range<i32>,
-    ) {
-        let March { frame, brick, .. } = march;
+    fn take<C: Code, U: Unit>(march: &March<'_>, ray: &mut Ray, chunk: &mut SampleChunk, segments: Range<i32>) {
+        let frame = march.frame;
         if !frame.is_lit {
-            return add::<C, Self, U>(march, stretch, ray, chunk, segments);
+            return add::<C, Self, U>(march, ray, chunk, segments);
         }
         let mut done = segments.start;
         while done < segments.end && !Self::is_final(frame, ray.sum) {
-            stretch.place_samples(frame, ray, chunk, done..segments.end, C::INVALID);
-            brick.read::<C, U>(frame.reading, stretch.origin, stretch.step, chunk);
+            march.sample::<C, U>(ray, chunk, done..segments.end);
             let shows = Self::classify::<C>(frame, chunk);
             if shows != 0 {
-                ray.sum = lit::see::<C, U>(march, stretch, ray, chunk, shows);
+                ray.sum = lit::see::<C, U>(march, ray, chunk, shows);
             }
             done += CHUNK as i32;
         }
@@ -300,14 +287,8 @@ impl<const GREATEST: bool> Accumulate for ExtremeProjection<GREATEST> {
     }
 
     #[inline(always)]
-    fn take<C: Code, U: Unit>(
-        march: &March<'_>,
-        stretch: &Stretch,
-        ray: &mut Ray,
-        chunk: &mut SampleChunk,
-        segments: Range<i32>,
-    ) {
-        add::<C, Self, U>(march, stretch, ray, chunk, segments);
+    fn take<C: Code, U: Unit>(march: &March<'_>, ray: &mut Ray, chunk: &mut SampleChunk, segments: Range<i32>) {
+        add::<C, Self, U>(march, ray, chunk, segments);
     }
 
     #[inline(always)]
@@ -352,14 +333,8 @@ impl Accumulate for Average {
     const FRONT_TO_BACK: bool = true;
 
     #[inline(always)]
-    fn take<C: Code, U: Unit>(
-        march: &March<'_>,
-        stretch: &Stretch,
-        ray: &mut Ray,
-        chunk: &mut SampleChunk,
-        segments: Range<i32>,
-    ) {
-        add::<C, Self, U>(march, stretch, ray, chunk, segments);
+    fn take<C: Code, U: Unit>(march: &March<'_>, ray: &mut Ray, chunk: &mut SampleChunk, segments: Range<i32>) {
+        add::<C, Self, U>(march, ray, chunk, segments);
     }
 
     #[inline(always)]

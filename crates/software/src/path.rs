@@ -10,13 +10,12 @@ use crate::packet::{LANES, Packet};
 use crate::ray::Ray;
 use crate::reading::Reading;
 use crate::row::{Passed, Row};
-#[cfg(target_arch = "x86_64")]
-use crate::sample::Avx2;
-use crate::sample::{Code, Portable, Unit};
+use crate::sample::Code;
 use crate::shade::{Shade, Shaded};
 use crate::stretch::{March, Stretch};
 use crate::surface::Crossing;
 use crate::transfer_table::Entries;
+use crate::unit::Unit;
 use brickyard_volume::lighting::SMOOTH;
 use brickyard_volume::sampling::{Curve, catmull_rom, cubic};
 use brickyard_volume::surface::FLAT_SHARE;
@@ -62,8 +61,8 @@ pub(crate) struct Samples {
 
 impl<'a> Path<'a> {
     #[inline(always)]
-    pub(crate) fn new(march: &'a March<'a>, stretch: &'a Stretch, ray: &Ray) -> Self {
-        let March { frame, cell, .. } = march;
+    pub(crate) fn new(march: &'a March<'a>, ray: &Ray) -> Self {
+        let March { frame, cell, stretch, .. } = march;
         let (eye, direction) = march.world_ray(ray);
         let [low, high] = stretch.sampleable(frame.edge + 2 * frame.apron);
         let ticks = &frame.ticks;
@@ -139,24 +138,10 @@ impl<'a> Path<'a> {
     /// Not inlined: it is large, and several callers share it.
     #[inline(always)]
     pub(crate) fn row<C: Code, U: Unit>(&self, segments: Range<i32>, media: &mut Row) -> i32 {
-        #[cfg(target_arch = "x86_64")]
-        if U::AVX2 {
-            // SAFETY: the machine has AVX2.
-            return unsafe { self.row_avx2::<C>(segments, media) };
-        }
-        self.row_portable::<C>(segments, media)
-    }
-
-    #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx2")]
-    #[inline(never)]
-    fn row_avx2<C: Code>(&self, segments: Range<i32>, media: &mut Row) -> i32 {
-        self.row_on::<C, Avx2>(segments, media)
-    }
-
-    #[inline(never)]
-    fn row_portable<C: Code>(&self, segments: Range<i32>, media: &mut Row) -> i32 {
-        self.row_on::<C, Portable>(segments, media)
+        U::call(
+            #[inline(always)]
+            move || self.row_on::<C, U>(segments, media),
+        )
     }
 
     #[inline(always)]
@@ -413,24 +398,10 @@ impl<'a> Path<'a> {
     /// The lit straight colour of a crossed surface, and its opacity. Not inlined: see [`Path::row`].
     #[inline(always)]
     pub(crate) fn surface<C: Code, U: Unit>(&self, crossing: Crossing) -> Vec4 {
-        #[cfg(target_arch = "x86_64")]
-        if U::AVX2 {
-            // SAFETY: the machine has AVX2.
-            return unsafe { self.surface_avx2::<C>(crossing) };
-        }
-        self.surface_portable::<C>(crossing)
-    }
-
-    #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx2")]
-    #[inline(never)]
-    fn surface_avx2<C: Code>(&self, crossing: Crossing) -> Vec4 {
-        self.surface_on::<C, Avx2>(crossing)
-    }
-
-    #[inline(never)]
-    fn surface_portable<C: Code>(&self, crossing: Crossing) -> Vec4 {
-        self.surface_on::<C, Portable>(crossing)
+        U::call(
+            #[inline(always)]
+            move || self.surface_on::<C, U>(crossing),
+        )
     }
 
     #[inline(always)]

@@ -9,11 +9,10 @@ use crate::frame::rank_of;
 use crate::packet::LANES;
 use crate::path::Path;
 use crate::ray::{NO_RANK, Ray};
-#[cfg(target_arch = "x86_64")]
-use crate::sample::Avx2;
-use crate::sample::{Code, Portable, Unit};
-use crate::stretch::{March, Stretch};
+use crate::sample::Code;
+use crate::stretch::March;
 use crate::surface::{Crossing, Line};
+use crate::unit::Unit;
 use brickyard_volume::Mode;
 use std::ops::Range;
 
@@ -23,7 +22,6 @@ const TOGETHER: usize = 2;
 /// A ray's way along a stretch of a brick, piece by piece.
 pub(crate) struct Pieces<'a> {
     march: &'a March<'a>,
-    stretch: &'a Stretch,
     path: Path<'a>,
     /// Segments not taken.
     rest: Range<i32>,
@@ -41,31 +39,17 @@ pub(crate) struct Piece<'a> {
 
 impl<'a> Pieces<'a> {
     #[inline(always)]
-    pub(crate) fn new(march: &'a March<'a>, stretch: &'a Stretch, path: Path<'a>, segments: Range<i32>) -> Self {
-        Self { march, stretch, path, rest: segments, cut: None }
+    pub(crate) fn new(march: &'a March<'a>, path: Path<'a>, segments: Range<i32>) -> Self {
+        Self { march, path, rest: segments, cut: None }
     }
 
     /// Returns the next piece, if any. The ray's rank becomes the one behind it. Not inlined: see [`Path::row`].
     #[inline(always)]
     pub(crate) fn next<C: Code, U: Unit>(&mut self, ray: &mut Ray) -> Option<Piece<'a>> {
-        #[cfg(target_arch = "x86_64")]
-        if U::AVX2 {
-            // SAFETY: the machine has AVX2.
-            return unsafe { self.next_avx2::<C>(ray) };
-        }
-        self.next_portable::<C>(ray)
-    }
-
-    #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx2")]
-    #[inline(never)]
-    fn next_avx2<C: Code>(&mut self, ray: &mut Ray) -> Option<Piece<'a>> {
-        self.next_on::<C, Avx2>(ray)
-    }
-
-    #[inline(never)]
-    fn next_portable<C: Code>(&mut self, ray: &mut Ray) -> Option<Piece<'a>> {
-        self.next_on::<C, Portable>(ray)
+        U::call(
+            #[inline(always)]
+            move || self.next_on::<C, U>(ray),
+        )
     }
 
     #[inline(always)]
@@ -100,7 +84,7 @@ impl<'a> Pieces<'a> {
         let surface = if is_up { ray.past.rank } else { ray.past.rank - 1 } as usize;
         let inside = |along: f32| along.max(path.low).min(path.high);
         let threshold = self.march.frame.thresholds[surface];
-        let line = Line { march: self.march, stretch: self.stretch, threshold };
+        let line = Line { march: self.march, threshold };
         let hit = line.locate::<C, U>(inside(start), [inside(end), code]);
         ray.past.rank += if is_up { 1 } else { -1 };
         self.cut = Some(hit);
@@ -115,7 +99,7 @@ impl<'a> Pieces<'a> {
     #[inline(always)]
     fn cap<C: Code, U: Unit>(&self, ray: &mut Ray) -> Option<Crossing> {
         let is_new = ray.past.rank == NO_RANK && self.cut.is_none() && self.rest.start == 0;
-        if !is_new || self.rest.is_empty() || !self.march.is_capped(ray, self.stretch.start) {
+        if !is_new || self.rest.is_empty() || !self.march.is_capped(ray, self.march.stretch.start) {
             return None;
         }
         let along = self.path.ends(0)[0];

@@ -2,7 +2,8 @@
 //! whatever the filter.
 
 use crate::packet::{LANES, PACKETS, Packet};
-use crate::sample::{Brick, Code, SampleChunk, Unit};
+use crate::sample::{Brick, Code, SampleChunk};
+use crate::unit::Unit;
 use brickyard_volume::{Filter, FrameSettings};
 
 /// The kind of sample taken of a padded brick.

@@ -15,6 +15,7 @@
 use crate::packet::{LANES, PACKETS, Packet};
 use crate::row::Row;
 use crate::steps::Places;
+use crate::unit::Unit;
 use brickyard_volume::SlotEncoding;
 use brickyard_volume::slot_encoding::LEAST_SLOT;
 use glam::Vec4;
@@ -226,27 +227,6 @@ impl Code for Float32 {
     }
 }
 
-/// The kind of machine a function is compiled for.
-pub(crate) trait Unit {
-    /// Whether the machine is known to have AVX2.
-    #[cfg_attr(not(target_arch = "x86_64"), expect(dead_code, reason = "nobody asks where no machine can have it"))]
-    const AVX2: bool;
-}
-
-pub(crate) struct Portable;
-
-#[cfg(target_arch = "x86_64")]
-pub(crate) struct Avx2;
-
-impl Unit for Portable {
-    const AVX2: bool = false;
-}
-
-#[cfg(target_arch = "x86_64")]
-impl Unit for Avx2 {
-    const AVX2: bool = true;
-}
-
 /// The voxel grid of padded bricks of one size.
 #[derive(Clone, Copy)]
 pub(crate) struct Grid {
@@ -346,24 +326,11 @@ impl<'a> Brick<'a> {
     /// voxels' weight is valid.
     #[inline(always)]
     pub(crate) fn sample<C: Code, U: Unit>(&self, origin: [f32; 3], step: [f32; 3], chunk: &mut SampleChunk) {
-        #[cfg(target_arch = "x86_64")]
-        if U::AVX2 {
-            // SAFETY: the machine has AVX2.
-            return unsafe { self.sample_avx2::<C>(&origin, &step, chunk) };
-        }
-        self.sample_portable::<C>(&origin, &step, chunk);
-    }
-
-    #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx2")]
-    #[inline(never)]
-    fn sample_avx2<C: Code>(&self, origin: &[f32; 3], step: &[f32; 3], chunk: &mut SampleChunk) {
-        self.sample_on::<C, Avx2>(*origin, *step, chunk);
-    }
-
-    #[inline(never)]
-    fn sample_portable<C: Code>(&self, origin: &[f32; 3], step: &[f32; 3], chunk: &mut SampleChunk) {
-        self.sample_on::<C, Portable>(*origin, *step, chunk);
+        let (origin, step) = (&origin, &step);
+        U::call(
+            #[inline(always)]
+            move || self.sample_on::<C, U>(*origin, *step, chunk),
+        );
     }
 
     #[inline(always)]
@@ -392,24 +359,10 @@ impl<'a> Brick<'a> {
     /// Returns the codes at eight slot coordinates, given axis by axis. The weights of those without a value become 0.
     #[inline(always)]
     pub(crate) fn sample_points<C: Code, U: Unit>(&self, points: &[Packet; 3], weight: &mut Packet) -> Packet {
-        #[cfg(target_arch = "x86_64")]
-        if U::AVX2 {
-            // SAFETY: the machine has AVX2.
-            return unsafe { self.sample_points_avx2::<C>(points, weight) };
-        }
-        self.sample_points_portable::<C>(points, weight)
-    }
-
-    #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx2")]
-    #[inline(never)]
-    fn sample_points_avx2<C: Code>(&self, points: &[Packet; 3], weight: &mut Packet) -> Packet {
-        self.sample_points_on::<C, Avx2>(points, weight)
-    }
-
-    #[inline(never)]
-    fn sample_points_portable<C: Code>(&self, points: &[Packet; 3], weight: &mut Packet) -> Packet {
-        self.sample_points_on::<C, Portable>(points, weight)
+        U::call(
+            #[inline(always)]
+            move || self.sample_points_on::<C, U>(points, weight),
+        )
     }
 
     #[inline(always)]
@@ -600,6 +553,7 @@ pub(crate) fn mix_packets(a: &Packet, b: &Packet, t: &Packet) -> Packet {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::unit::Portable;
     use brickyard_volume::slot_encoding::INVALID_SLOT;
 
     const CODES: CodeMap = CodeMap { first: 0.0, per_number: 1.0, farthest: f32::MAX };

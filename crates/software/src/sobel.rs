@@ -6,9 +6,8 @@
 //! too far off to be a code, separate samples are taken after all.
 
 use crate::packet::{LANES, Packet};
-#[cfg(target_arch = "x86_64")]
-use crate::sample::Avx2;
-use crate::sample::{Brick, Code, Portable, Unit, mix};
+use crate::sample::{Brick, Code, mix};
+use crate::unit::Unit;
 use brickyard_volume::lighting::SMOOTH;
 
 const PLACES: usize = 27;
@@ -66,19 +65,10 @@ impl Brick<'_> {
         middle: &Packet,
         differences: &mut [Packet; 3],
     ) {
-        #[cfg(target_arch = "x86_64")]
-        if U::AVX2 {
-            // SAFETY: the machine has AVX2.
-            return unsafe { self.sobel_differences_avx2::<C>(points, middle, differences) };
-        }
-        self.sobel_differences_on::<C, Portable>(points, middle, differences);
-    }
-
-    #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx2")]
-    #[inline(never)]
-    fn sobel_differences_avx2<C: Code>(&self, points: &[Packet; 3], middle: &Packet, differences: &mut [Packet; 3]) {
-        self.sobel_differences_on::<C, Avx2>(points, middle, differences);
+        U::call(
+            #[inline(always)]
+            move || self.sobel_differences_on::<C, U>(points, middle, differences),
+        );
     }
 
     #[inline(always)]

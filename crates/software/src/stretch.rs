@@ -4,17 +4,19 @@ use crate::frame::{Cell, Frame};
 use crate::macrocells::{Blocks, Reach, block_length};
 use crate::packet::{CHUNK, LANES, PACKETS};
 use crate::ray::{NO_RANK, Ray};
-use crate::sample::{Brick, SampleChunk};
+use crate::sample::{Brick, Code, SampleChunk};
+use crate::unit::Unit;
 use brickyard_volume::CutFace;
 use brickyard_volume::macrocells::CELL_EDGE;
 use glam::{DVec3, Mat3};
 use std::ops::Range;
 
-/// A frame's cell and its brick, for marching stretches.
+/// A stretch of a ray through a frame's cell, and the cell's brick.
 pub(crate) struct March<'a> {
     pub(crate) frame: &'a Frame<'a>,
     pub(crate) cell: &'a Cell<'a>,
     pub(crate) brick: Brick<'a>,
+    pub(crate) stretch: &'a Stretch,
 }
 
 impl March<'_> {
@@ -36,6 +38,14 @@ impl March<'_> {
         let (start, _) = ray.ends(&self.frame.ticks, first);
         let [origin, direction] = [ray.origin, ray.direction].map(DVec3::from_array);
         settings.cap(self.frame.extent, (origin, direction), ray.eye, start).is_some()
+    }
+
+    /// Samples these segments in their middles, or as many of them as a chunk holds.
+    #[inline(always)]
+    pub(crate) fn sample<C: Code, U: Unit>(&self, ray: &Ray, chunk: &mut SampleChunk, segments: Range<i32>) {
+        let Stretch { origin, step, .. } = *self.stretch;
+        self.stretch.place_samples(self.frame, ray, chunk, segments, C::INVALID);
+        self.brick.read::<C, U>(self.frame.reading, origin, step, chunk);
     }
 
     /// The map from differences of codes across two voxels to the scene's gradient, of any length; and the least

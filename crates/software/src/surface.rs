@@ -11,8 +11,9 @@ use crate::macrocells::{Coverage, Mask, Reach};
 use crate::modes::Accumulate;
 use crate::packet::{LANES, Packet};
 use crate::ray::Ray;
-use crate::sample::{Code, SampleChunk, Unit};
+use crate::sample::{Code, SampleChunk};
 use crate::stretch::{March, Stretch};
+use crate::unit::Unit;
 use brickyard_volume::lighting::headlight;
 use brickyard_volume::surface::{FLAT_SHARE, PARTS, ROUNDS};
 use glam::{Vec3, Vec4};
@@ -52,13 +53,8 @@ impl Accumulate for Isosurface {
     }
 
     #[inline(always)]
-    fn take<C: Code, U: Unit>(
-        march: &March<'_>,
-        stretch: &Stretch,
-        ray: &mut Ray,
-        chunk: &mut SampleChunk,
-        segments: Range<i32>,
-    ) {
+    fn take<C: Code, U: Unit>(march: &March<'_>, ray: &mut Ray, chunk: &mut SampleChunk, segments: Range<i32>) {
+        let stretch = march.stretch;
         let ticks = &march.frame.ticks;
         let [low, high] = stretch.sampleable(march.frame.edge + 2 * march.frame.apron);
         let inside = |along: f32| {
@@ -76,7 +72,7 @@ impl Accumulate for Isosurface {
         }
         if ray.sum.x == 0.0 {
             let start = inside(stretch.along(ray.ends(ticks, first).0));
-            let line = Line { march, stretch, threshold: march.frame.thresholds[0] };
+            let line = Line { march, threshold: march.frame.thresholds[0] };
             ray.sum.x = line.side::<C, U>(start);
             if ray.sum.x == INSIDE && march.is_capped(ray, first) {
                 ray.sum = line.cap(ray).extend(0.0);
@@ -111,7 +107,7 @@ impl Accumulate for Isosurface {
                 let tick = stretch.start + ((segment as u32) << stretch.zone);
                 let from = inside(stretch.along(ray.ends(ticks, tick).0));
                 let end = [chunk.along[p][i], chunk.code[p][i]];
-                let line = Line { march, stretch, threshold: march.frame.thresholds[0] };
+                let line = Line { march, threshold: march.frame.thresholds[0] };
                 let hit = line.locate::<C, U>(from, end);
                 ray.sum = line.lit::<C, U>(ray, hit).extend(0.0);
                 return;
@@ -154,7 +150,6 @@ fn crossing(threshold: f32, side: &mut f32, code: &Packet, weight: &Packet, coun
 /// stretch's first.
 pub(crate) struct Line<'a> {
     pub(crate) march: &'a March<'a>,
-    pub(crate) stretch: &'a Stretch,
     /// The surface's threshold, in codes.
     pub(crate) threshold: f32,
 }
@@ -215,8 +210,7 @@ impl Line<'_> {
 
     #[inline(always)]
     fn lit<C: Code, U: Unit>(&self, ray: &Ray, along: f32) -> Vec3 {
-        let March { frame, cell, brick } = self.march;
-        let (origin, step) = (self.stretch.origin, self.stretch.step);
+        let March { frame, cell, brick, stretch: &Stretch { origin, step, .. } } = *self.march;
         let (mut points, mut weight) = ([[0.0; LANES]; 3], [1.0; LANES]);
         // A voxel to each side along each axis, or as far as the brick goes.
         let far = (frame.edge + 2 * frame.apron - 1) as f32;
@@ -245,10 +239,11 @@ impl Line<'_> {
     /// The codes at these places, and weights of 0 where values are missing.
     #[inline(always)]
     fn sample<C: Code, U: Unit>(&self, along: &Packet) -> (Packet, Packet) {
+        let Stretch { origin, step, .. } = *self.march.stretch;
         let (mut points, mut weight) = ([[0.0; LANES]; 3], [1.0; LANES]);
         for a in 0..3 {
             for i in 0..LANES {
-                points[a][i] = self.stretch.origin[a] + along[i] * self.stretch.step[a];
+                points[a][i] = origin[a] + along[i] * step[a];
             }
         }
         let code = self.march.brick.read_points::<C, U>(self.march.frame.reading, &points, &mut weight);
