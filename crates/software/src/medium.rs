@@ -1,6 +1,6 @@
 //! Direct volume rendering by every method but the plain one, with isosurfaces in fog or alone.
 
-use crate::frame::{Cell, Frame};
+use crate::frame::Cell;
 use crate::macrocells::{Coverage, Mask, Reach};
 use crate::modes::Accumulate;
 use crate::path::Path;
@@ -11,17 +11,12 @@ use crate::sample::{Code, SampleChunk};
 use crate::stretch::March;
 use crate::unit::Unit;
 use brickyard_volume::Mode;
-use glam::Vec4;
 use std::ops::Range;
 
-/// The mode of emission and absorption: a ray's sum is premultiplied colour and transmittance. With `ENDS`, segments
-/// are examined from end to end, and searched for surfaces.
+/// The mode of emission and absorption. With `ENDS`, segments are examined from end to end, and searched for surfaces.
 pub(crate) struct Medium<const ENDS: bool>;
 
 impl<const ENDS: bool> Accumulate for Medium<ENDS> {
-    const START: Vec4 = Vec4::W;
-    const FRONT_TO_BACK: bool = true;
-    const OCCLUDES: bool = true;
     const REACH: Reach = if ENDS { Reach::Ends } else { Reach::Middles };
 
     #[inline(always)]
@@ -57,15 +52,6 @@ impl<const ENDS: bool> Accumulate for Medium<ENDS> {
                 ray.sum = color.extend(light * (1.0 - shown.w));
             }
         }
-    }
-
-    #[inline(always)]
-    fn is_final(_: &Frame<'_>, sum: Vec4) -> bool {
-        sum.w < FAINTEST
-    }
-
-    fn seen(_: &Frame<'_>, sum: Vec4) -> Vec4 {
-        sum
     }
 }
 

@@ -38,9 +38,6 @@ const _: () = assert!(PARTS == LANES, "a round is a packet");
 pub(crate) struct Isosurface;
 
 impl Accumulate for Isosurface {
-    const START: Vec4 = Vec4::W;
-    const FRONT_TO_BACK: bool = true;
-    const OCCLUDES: bool = true;
     const REACH: Reach = Reach::Beyond;
 
     #[inline(always)]
