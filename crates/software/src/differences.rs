@@ -12,9 +12,46 @@ use crate::sample::{Brick, Code, mix, mix_packets};
 use crate::stretch::March;
 use crate::unit::Unit;
 use brickyard_volume::Gradient;
+use brickyard_volume::lighting::SMOOTH;
 
 /// Voxels along the edge of the smallest brick with two voxels on each side of a place.
 const LEAST_PADDED: usize = 4;
+
+/// A sample taken by an operator: its place, in voxels from the operator's, and the share of its code in the difference
+/// along each axis.
+#[derive(Clone, Copy)]
+pub(crate) struct Tap {
+    pub(crate) offset: [f32; 3],
+    pub(crate) share: [f32; 3],
+}
+
+/// The taps of central differences.
+pub(crate) const CENTRAL: [Tap; 6] = taps([0.0, 1.0, 0.0]);
+
+/// The taps of the Sobel operator.
+pub(crate) const SOBEL: [Tap; 26] = taps(SMOOTH);
+
+/// The places about a centre with a share in differences that are smoothed like this across their axis.
+const fn taps<const N: usize>(smooth: [f64; 3]) -> [Tap; N] {
+    let mut taps = [Tap { offset: [0.0; 3], share: [0.0; 3] }; N];
+    let (mut place, mut found) = (0, 0);
+    while place < 27 {
+        let at = [place % 3, place / 3 % 3, place / 9];
+        let (mut tap, mut a) = (Tap { offset: [0.0; 3], share: [0.0; 3] }, 0);
+        while a < 3 {
+            tap.offset[a] = at[a] as f32 - 1.0;
+            tap.share[a] = tap.offset[a] * (smooth[at[(a + 1) % 3]] * smooth[at[(a + 2) % 3]]) as f32;
+            a += 1;
+        }
+        if tap.share[0] != 0.0 || tap.share[1] != 0.0 || tap.share[2] != 0.0 {
+            taps[found] = tap;
+            found += 1;
+        }
+        place += 1;
+    }
+    assert!(found == N, "taps left out");
+    taps
+}
 
 impl Brick<'_> {
     /// Computes differences of codes across two voxels along each axis, at eight slot coordinates, given axis by axis.
@@ -31,7 +68,7 @@ impl Brick<'_> {
         // SAFETY: such are the returned voxels.
         let odd = unsafe { self.shared_differences::<C>(&voxel, &t, differences) };
         if C::INVALID && odd > 0.0 {
-            self.six_samples::<C, U>(points, middle, differences);
+            self.sampled_differences::<C, U>(&CENTRAL, (points, middle), differences);
         }
     }
 
@@ -196,33 +233,34 @@ impl Brick<'_> {
         }
     }
 
-    /// [`Brick::central_differences`] by six samples. Not inlined: it is large and rarely needed.
+    /// The differences by a sample of each tap of an operator. Not inlined: it is large and rarely needed.
     #[inline(always)]
-    fn six_samples<C: Code, U: Unit>(&self, points: &[Packet; 3], middle: &Packet, differences: &mut [Packet; 3]) {
+    pub(crate) fn sampled_differences<C: Code, U: Unit>(
+        &self,
+        taps: &[Tap],
+        (points, middle): (&[Packet; 3], &Packet),
+        differences: &mut [Packet; 3],
+    ) {
         U::call(
             #[inline(always)]
-            move || self.six_samples_on::<C, U>(points, middle, differences),
+            move || {
+                *differences = [[0.0; LANES]; 3];
+                for Tap { offset, share } in taps {
+                    let (mut places, mut weight) = (*points, [1.0; LANES]);
+                    for a in 0..3 {
+                        for i in 0..LANES {
+                            places[a][i] += offset[a];
+                        }
+                    }
+                    let codes = self.sample_points::<C, U>(&places, &mut weight);
+                    for a in 0..3 {
+                        for i in 0..LANES {
+                            differences[a][i] += share[a] * if weight[i] > 0.0 { codes[i] } else { middle[i] };
+                        }
+                    }
+                }
+            },
         );
-    }
-
-    #[inline(always)]
-    fn six_samples_on<C: Code, U: Unit>(&self, points: &[Packet; 3], middle: &Packet, differences: &mut [Packet; 3]) {
-        for a in 0..3 {
-            let mut sides = [[0.0; LANES]; 2];
-            for (side, codes) in [-1.0, 1.0].into_iter().zip(&mut sides) {
-                let (mut places, mut weight) = (*points, [1.0; LANES]);
-                for i in 0..LANES {
-                    places[a][i] += side;
-                }
-                *codes = self.sample_points::<C, U>(&places, &mut weight);
-                for i in 0..LANES {
-                    codes[i] = if weight[i] > 0.0 { codes[i] } else { middle[i] };
-                }
-            }
-            for i in 0..LANES {
-                differences[a][i] = sides[1][i] - sides[0][i];
-            }
-        }
     }
 }
 
@@ -266,10 +304,10 @@ mod tests {
         let [mut found, mut expected] = [[[0.0; LANES]; 3]; 2];
         if is_sobel {
             brick.sobel_differences::<C, Portable>(points, middle, &mut found);
-            brick.sobel_samples::<C, Portable>(points, middle, &mut expected);
+            brick.sampled_differences::<C, Portable>(&SOBEL, (points, middle), &mut expected);
         } else {
             brick.central_differences::<C, Portable>(points, middle, &mut found);
-            brick.six_samples::<C, Portable>(points, middle, &mut expected);
+            brick.sampled_differences::<C, Portable>(&CENTRAL, (points, middle), &mut expected);
         }
         [found, expected]
     }

@@ -5,6 +5,7 @@
 //! sampled together, and then one segment after the other is classified. A gradient takes a packet of its own (four for
 //! the Sobel operator), and only where there is opacity or, if opacity depends on gradients, may be some.
 
+use crate::differences::{CENTRAL, SOBEL, Tap};
 use crate::gradients::Gradients;
 use crate::packet::{LANES, Packet};
 use crate::ray::Ray;
@@ -16,7 +17,6 @@ use crate::stretch::{March, Stretch};
 use crate::surface::Crossing;
 use crate::transfer_table::Entries;
 use crate::unit::Unit;
-use brickyard_volume::lighting::SMOOTH;
 use brickyard_volume::sampling::{Curve, catmull_rom, cubic};
 use brickyard_volume::surface::FLAT_SHARE;
 use brickyard_volume::{CutFace, Filter, Gradient, Lighting, Medium as Mean, TransferGrid};
@@ -466,24 +466,19 @@ impl<'a> Path<'a> {
         if self.march.frame.reading == Reading::Label {
             return self.label_differences::<C>(along, middle);
         }
-        let (is_sobel, places) = match self.march.frame.settings.lighting.gradient {
-            // The six nearest places in one packet; or the 27 about the centre, including it, in four.
-            Gradient::Central => (false, 6),
-            Gradient::Sobel => (true, 27),
+        let taps: &[Tap] = match self.march.frame.settings.lighting.gradient {
+            Gradient::Central => &CENTRAL,
+            Gradient::Sobel => &SOBEL,
             Gradient::Stored => {
                 return self.stored_differences(along) * self.march.frame.gradient_scale;
             }
         };
         let centre = self.slot_place(along);
         let mut differences = Vec3::ZERO;
-        for first in (0..places).step_by(LANES) {
-            let offsets: [[f32; 3]; LANES] =
-                std::array::from_fn(|i| if is_sobel { offset_of((first + i).min(26)) } else { axis_offset(i) });
-            let codes = self.around::<C, U>(centre, &offsets, middle);
-            for (i, offset) in offsets.iter().enumerate().take(places - first) {
-                let smooth = |a: usize| if is_sobel { SMOOTH[(offset[a] + 1.0) as usize] as f32 } else { 1.0 };
-                let [x, y, z] = [smooth(0), smooth(1), smooth(2)];
-                differences += Vec3::new(offset[0] * y * z, offset[1] * x * z, offset[2] * x * y) * codes[i];
+        for taps in taps.chunks(LANES) {
+            let codes = self.around::<C, U>(centre, taps, middle);
+            for (tap, code) in taps.iter().zip(codes) {
+                differences += Vec3::from(tap.share) * code;
             }
         }
         let is_flat = differences.length() < FLAT_SHARE as f32 * middle.abs();
@@ -518,12 +513,14 @@ impl<'a> Path<'a> {
         std::array::from_fn(|a| self.stretch.origin[a] + along * self.stretch.step[a])
     }
 
+    /// The codes at the taps about a centre, at most a packet; the middle's code replaces missing values.
     #[inline(always)]
-    fn around<C: Code, U: Unit>(&self, centre: [f32; 3], offsets: &[[f32; 3]; LANES], middle: f32) -> Packet {
-        let (mut points, mut weight) = ([[0.0; LANES]; 3], [1.0; LANES]);
-        for a in 0..3 {
-            for i in 0..LANES {
-                points[a][i] = centre[a] + offsets[i][a];
+    fn around<C: Code, U: Unit>(&self, centre: [f32; 3], taps: &[Tap], middle: f32) -> Packet {
+        let [x, y, z] = centre;
+        let (mut points, mut weight) = ([[x; LANES], [y; LANES], [z; LANES]], [1.0; LANES]);
+        for (i, tap) in taps.iter().enumerate().take(LANES) {
+            for a in 0..3 {
+                points[a][i] += tap.offset[a];
             }
         }
         let March { frame, brick, .. } = self.march;
@@ -533,18 +530,6 @@ impl<'a> Path<'a> {
         }
         code
     }
-}
-
-/// The `i`-th of the 27 places about a voxel.
-#[inline(always)]
-fn offset_of(i: usize) -> [f32; 3] {
-    [i % 3, i / 3 % 3, i / 9].map(|v| v as f32 - 1.0)
-}
-
-/// The `i`-th of the six places next to a voxel.
-#[inline(always)]
-fn axis_offset(i: usize) -> [f32; 3] {
-    std::array::from_fn(|a| if a == i / 2 { 1.0 - 2.0 * (i % 2) as f32 } else { 0.0 })
 }
 
 /// A single value stands for both.

@@ -5,12 +5,11 @@
 //! of two neighbours, against 108 for its 27 separate samples. If one of a packet's voxels has no value, or a number
 //! too far off to be a code, separate samples are taken after all.
 
+use crate::differences::SOBEL;
 use crate::packet::{LANES, Packet};
 use crate::sample::{Brick, Code, mix};
 use crate::unit::Unit;
 use brickyard_volume::lighting::SMOOTH;
-
-const PLACES: usize = 27;
 
 /// The smoothing of four neighbours along an axis, at a place between the middle two.
 struct Across {
@@ -82,7 +81,7 @@ impl Brick<'_> {
         // SAFETY: such are the returned voxels.
         let odd = unsafe { self.shared_sobel::<C>(&voxel, &t, differences) };
         if C::INVALID && odd > 0.0 {
-            self.sobel_samples::<C, U>(points, middle, differences);
+            self.sampled_differences::<C, U>(&SOBEL, (points, middle), differences);
         }
     }
 
@@ -125,33 +124,5 @@ impl Brick<'_> {
             [z.smoothed(along_x.each_ref()), z.smoothed(along_y.each_ref()), z.difference(smooth.each_ref())];
         self.scale_to_codes::<C>(differences);
         odd.iter().sum()
-    }
-
-    /// [`Brick::sobel_differences`] by samples.
-    #[inline(always)]
-    pub(crate) fn sobel_samples<C: Code, U: Unit>(
-        &self,
-        points: &[Packet; 3],
-        middle: &Packet,
-        differences: &mut [Packet; 3],
-    ) {
-        *differences = [[0.0; LANES]; 3];
-        for place in 0..PLACES {
-            let offset = [place % 3, place / 3 % 3, place / 9].map(|side| side as f32 - 1.0);
-            let (mut places, mut weight) = (*points, [1.0; LANES]);
-            for a in 0..3 {
-                for i in 0..LANES {
-                    places[a][i] += offset[a];
-                }
-            }
-            let codes = self.sample_points::<C, U>(&places, &mut weight);
-            let smooth = offset.map(|side| SMOOTH[(side + 1.0) as usize] as f32);
-            for a in 0..3 {
-                let share = offset[a] * smooth[(a + 1) % 3] * smooth[(a + 2) % 3];
-                for i in 0..LANES {
-                    differences[a][i] += share * if weight[i] > 0.0 { codes[i] } else { middle[i] };
-                }
-            }
-        }
     }
 }
