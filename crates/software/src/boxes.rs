@@ -39,8 +39,9 @@ impl Brick<'_> {
     #[inline(always)]
     pub(crate) fn read_boxes<C: Code, U: Unit>(&self, extreme: Extreme, segments: &Segments, chunk: &mut SampleChunk) {
         U::call(
+            (segments, chunk),
             #[inline(always)]
-            move || self.read_boxes_on::<C>(extreme, segments, chunk),
+            move |(segments, chunk)| self.read_boxes_on::<C>(extreme, segments, chunk),
         );
     }
 

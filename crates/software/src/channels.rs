@@ -106,8 +106,9 @@ impl Channels {
     pub(crate) fn march(&self, parts: &[Part<'_, '_>], walks: &mut Walks, rays: &mut [Ray; PIXELS]) -> usize {
         let walks = &mut walks.walks[..std::mem::take(&mut walks.count)];
         call(
+            &mut *rays,
             #[inline(always)]
-            || march(parts, walks, rays),
+            |rays| march(parts, walks, rays),
         );
         let mut ended = 0;
         for walk in walks {
@@ -260,10 +261,11 @@ impl Choice for Taking {
 }
 
 fn take<C: Code, U: Unit>(part: &Part<'_, '_>, packets: u32, chunk: &mut SampleChunk, media: &mut Media) {
-    let Part { frame, cell, share, .. } = *part;
     U::call(
+        (chunk, media),
         #[inline(always)]
-        move || {
+        move |(chunk, media)| {
+            let Part { frame, cell, share, .. } = *part;
             let weight = chunk.weight;
             // SAFETY: the samples have been located in a brick of the same size.
             unsafe { frame.brick::<C>(cell).sample_located::<C, U>(packets, chunk) };

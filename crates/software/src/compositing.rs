@@ -314,8 +314,9 @@ impl Work {
                 });
             }
             light = call(
+                light,
                 #[inline(always)]
-                || self.media.see(count, light),
+                |light| self.media.see(count, light),
             );
             for Entry { layer, cell, segment } in self.entries.drain(..) {
                 let (frame, visibility) = (&frames[layer], self.media.light[segment]);

@@ -68,7 +68,7 @@ impl Brick<'_> {
         // SAFETY: such are the returned voxels.
         let odd = unsafe { self.shared_differences::<C>(&voxel, &t, differences) };
         if C::INVALID && odd > 0.0 {
-            self.sampled_differences::<C, U>(&CENTRAL, (points, middle), differences);
+            *differences = self.sampled_differences::<C, U, _>(&CENTRAL, (points, middle));
         }
     }
 
@@ -235,16 +235,16 @@ impl Brick<'_> {
 
     /// The differences by a sample of each tap of an operator. Not inlined: it is large and rarely needed.
     #[inline(always)]
-    pub(crate) fn sampled_differences<C: Code, U: Unit>(
+    pub(crate) fn sampled_differences<C: Code, U: Unit, const N: usize>(
         &self,
-        taps: &[Tap],
-        (points, middle): (&[Packet; 3], &Packet),
-        differences: &mut [Packet; 3],
-    ) {
+        taps: &[Tap; N],
+        points_and_middle: (&[Packet; 3], &Packet),
+    ) -> [Packet; 3] {
         U::call(
+            points_and_middle,
             #[inline(always)]
-            move || {
-                *differences = [[0.0; LANES]; 3];
+            move |(points, middle)| {
+                let mut differences = [[0.0; LANES]; 3];
                 for Tap { offset, share } in taps {
                     let (mut places, mut weight) = (*points, [1.0; LANES]);
                     for a in 0..3 {
@@ -259,8 +259,9 @@ impl Brick<'_> {
                         }
                     }
                 }
+                differences
             },
-        );
+        )
     }
 }
 
@@ -301,14 +302,14 @@ mod tests {
         is_sobel: bool,
         (points, middle): (&[Packet; 3], &Packet),
     ) -> [[Packet; 3]; 2] {
-        let [mut found, mut expected] = [[[0.0; LANES]; 3]; 2];
-        if is_sobel {
+        let mut found = [[0.0; LANES]; 3];
+        let expected = if is_sobel {
             brick.sobel_differences::<C, Portable>(points, middle, &mut found);
-            brick.sampled_differences::<C, Portable>(&SOBEL, (points, middle), &mut expected);
+            brick.sampled_differences::<C, Portable, _>(&SOBEL, (points, middle))
         } else {
             brick.central_differences::<C, Portable>(points, middle, &mut found);
-            brick.sampled_differences::<C, Portable>(&CENTRAL, (points, middle), &mut expected);
-        }
+            brick.sampled_differences::<C, Portable, _>(&CENTRAL, (points, middle))
+        };
         [found, expected]
     }
 

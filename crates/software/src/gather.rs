@@ -161,8 +161,9 @@ fn gather<C: Code, U: Unit, L: Look>(
     media: &mut Media,
 ) {
     U::call(
+        (chunk, media),
         #[inline(always)]
-        move || {
+        move |(chunk, media)| {
             let brick = frame.brick::<C>(cell);
             let mut tick = run.start;
             while tick < run.end {

@@ -53,8 +53,9 @@ impl<'a> Gradients<'a> {
     #[inline(always)]
     pub(crate) fn packet<U: Unit>(&self, points: &[Packet; 3], scale: f32, differences: &mut [Packet; 3]) {
         U::call(
+            (points, differences),
             #[inline(always)]
-            move || self.packet_on(points, scale, differences),
+            move |(points, differences)| self.packet_on(points, scale, differences),
         );
     }
 

@@ -25,8 +25,9 @@ pub(crate) fn is_lit_plainly(frame: &Frame<'_>) -> bool {
 #[inline(always)]
 pub(crate) fn see<C: Code, U: Unit>(march: &March<'_>, ray: &Ray, chunk: &mut SampleChunk, shows: u32) -> Vec4 {
     U::call(
+        (march, ray),
         #[inline(always)]
-        move || see_on::<C, U>(march, ray, chunk, shows),
+        move |(march, ray)| see_on::<C, U>(march, ray, chunk, shows),
     )
 }
 

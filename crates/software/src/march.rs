@@ -90,8 +90,9 @@ fn take<C: Code, U: Unit, B: Accumulate>(
     segments: Range<i32>,
 ) {
     U::call(
+        (ray, chunk),
         #[inline(always)]
-        move || B::take::<C, U>(march, ray, chunk, segments),
+        move |(ray, chunk)| B::take::<C, U>(march, ray, chunk, segments),
     );
 }
 
@@ -104,8 +105,9 @@ fn march<U: Unit, B: Accumulate>(
     seen: &mut Seen,
 ) {
     U::call(
+        &mut *work,
         #[inline(always)]
-        || work.march::<B>(sampler, frame, tile, layers),
+        |work| work.march::<B>(sampler, frame, tile, layers),
     );
     for i in places(tile) {
         seen[i] = B::seen(frame, work.rays[i].sum);

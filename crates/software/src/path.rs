@@ -139,8 +139,9 @@ impl<'a> Path<'a> {
     #[inline(always)]
     pub(crate) fn row<C: Code, U: Unit>(&self, segments: Range<i32>, media: &mut Row) -> i32 {
         U::call(
+            segments,
             #[inline(always)]
-            move || self.row_on::<C, U>(segments, media),
+            move |segments| self.row_on::<C, U>(segments, media),
         )
     }
 
@@ -399,8 +400,9 @@ impl<'a> Path<'a> {
     #[inline(always)]
     pub(crate) fn surface<C: Code, U: Unit>(&self, crossing: Crossing) -> Vec4 {
         U::call(
+            crossing,
             #[inline(always)]
-            move || self.surface_on::<C, U>(crossing),
+            move |crossing| self.surface_on::<C, U>(crossing),
         )
     }
 

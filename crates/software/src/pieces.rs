@@ -47,8 +47,9 @@ impl<'a> Pieces<'a> {
     #[inline(always)]
     pub(crate) fn next<C: Code, U: Unit>(&mut self, ray: &mut Ray) -> Option<Piece<'a>> {
         U::call(
+            ray,
             #[inline(always)]
-            move || self.next_on::<C, U>(ray),
+            move |ray| self.next_on::<C, U>(ray),
         )
     }
 

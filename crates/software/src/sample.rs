@@ -326,10 +326,10 @@ impl<'a> Brick<'a> {
     /// voxels' weight is valid.
     #[inline(always)]
     pub(crate) fn sample<C: Code, U: Unit>(&self, origin: [f32; 3], step: [f32; 3], chunk: &mut SampleChunk) {
-        let (origin, step) = (&origin, &step);
         U::call(
+            (&origin, &step),
             #[inline(always)]
-            move || self.sample_on::<C, U>(*origin, *step, chunk),
+            move |(origin, step)| self.sample_on::<C, U>(*origin, *step, chunk),
         );
     }
 
@@ -360,8 +360,9 @@ impl<'a> Brick<'a> {
     #[inline(always)]
     pub(crate) fn sample_points<C: Code, U: Unit>(&self, points: &[Packet; 3], weight: &mut Packet) -> Packet {
         U::call(
+            (points, weight),
             #[inline(always)]
-            move || self.sample_points_on::<C, U>(points, weight),
+            move |(points, weight)| self.sample_points_on::<C, U>(points, weight),
         )
     }
 

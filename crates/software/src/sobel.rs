@@ -65,8 +65,9 @@ impl Brick<'_> {
         differences: &mut [Packet; 3],
     ) {
         U::call(
+            (points, middle),
             #[inline(always)]
-            move || self.sobel_differences_on::<C, U>(points, middle, differences),
+            move |(points, middle)| self.sobel_differences_on::<C, U>(points, middle, differences),
         );
     }
 
@@ -81,7 +82,7 @@ impl Brick<'_> {
         // SAFETY: such are the returned voxels.
         let odd = unsafe { self.shared_sobel::<C>(&voxel, &t, differences) };
         if C::INVALID && odd > 0.0 {
-            self.sampled_differences::<C, U>(&SOBEL, (points, middle), differences);
+            *differences = self.sampled_differences::<C, U, _>(&SOBEL, (points, middle));
         }
     }
 

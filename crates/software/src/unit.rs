@@ -10,8 +10,9 @@ pub(crate) trait Unit {
     const AVX2: bool;
 
     /// Does some work, compiled for this unit, by a call of its own. The closure must be `#[inline(always)]`, like all
-    /// that it calls: else it is compiled for any machine.
-    fn call<R>(work: impl FnOnce() -> R) -> R;
+    /// that it calls: else it is compiled for any machine. A pair of arguments and two captured references go through
+    /// registers; with more of either, the optimiser loses sight of what they refer to.
+    fn call<A, R>(args: A, work: impl FnOnce(A) -> R) -> R;
 }
 
 pub(crate) struct Portable;
@@ -23,8 +24,8 @@ impl Unit for Portable {
     const AVX2: bool = false;
 
     #[inline(never)]
-    fn call<R>(work: impl FnOnce() -> R) -> R {
-        work()
+    fn call<A, R>(args: A, work: impl FnOnce(A) -> R) -> R {
+        work(args)
     }
 }
 
@@ -33,27 +34,27 @@ impl Unit for Avx2 {
     const AVX2: bool = true;
 
     #[inline(always)]
-    fn call<R>(work: impl FnOnce() -> R) -> R {
+    fn call<A, R>(args: A, work: impl FnOnce(A) -> R) -> R {
         // SAFETY: this unit is chosen on machines with AVX2 alone.
-        unsafe { call_avx2(work) }
+        unsafe { call_avx2(args, work) }
     }
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2")]
 #[inline(never)]
-fn call_avx2<R>(work: impl FnOnce() -> R) -> R {
-    work()
+fn call_avx2<A, R>(args: A, work: impl FnOnce(A) -> R) -> R {
+    work(args)
 }
 
 /// Does some work like [`Unit::call`], compiled for this machine.
 #[inline(always)]
-pub(crate) fn call<R>(work: impl FnOnce() -> R) -> R {
+pub(crate) fn call<A, R>(args: A, work: impl FnOnce(A) -> R) -> R {
     #[cfg(target_arch = "x86_64")]
     if std::arch::is_x86_feature_detected!("avx2") {
-        return Avx2::call(work);
+        return Avx2::call(args, work);
     }
-    Portable::call(work)
+    Portable::call(args, work)
 }
 
 /// Functions that exist for every vector unit and every kind of codes.
