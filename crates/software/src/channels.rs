@@ -5,7 +5,7 @@
 //! first-level cache; finally light passes through the media of all layers.
 
 use crate::frame::{Cell, Frame};
-use crate::gather::{self, add_fog};
+use crate::gather::add_fog;
 use crate::macrocells::{Coverage, Reach};
 use crate::march::look;
 use crate::media::Media;
@@ -75,7 +75,7 @@ impl Channels {
     /// is more than fog sampled trilinearly in the middle of each segment and classified by its value alone.
     pub(crate) fn new(frames: &[Frame<'_>]) -> Option<Self> {
         let is_fog =
-            |frame: &Frame<'_>| gather::is_plain(frame) && frame.reading == Reading::Filtered(Filter::Trilinear);
+            |frame: &Frame<'_>| frame.is_unlit_plain_fog() && frame.reading == Reading::Filtered(Filter::Trilinear);
         let take = |frame: &Frame<'_>| Taking.for_machine(&frame.settings.encoding);
         (frames.len() > 1 && frames.iter().all(is_fog)).then(|| Self { takes: frames.iter().map(take).collect() })
     }

@@ -11,11 +11,12 @@ use crate::steps::StepTables;
 use crate::ticks::Ticks;
 use brickyard_pager::{DrawCell, DrawList, PixelShare, Slot};
 use brickyard_volume::macrocells::{MacroCells, OpaqueCodes};
+use brickyard_volume::sampling::Curve;
 use brickyard_volume::slot_encoding::ANYTHING;
 use brickyard_volume::surface::MAX_SURFACES;
 use brickyard_volume::{
-    Blend, Clip, Extent, Extreme, FrameSettings, Geometry, GradientNodes, Integrals, Lighting, Mode, Needs, PixelRect,
-    Placement, Pyramid, TransferGrid, ViewRays, VolumeFrame, VoxelBox, surface,
+    Blend, Clip, Extent, Extreme, Filter, FrameSettings, Geometry, GradientNodes, Integrals, Lighting, Method, Mode,
+    Needs, PixelRect, Placement, Pyramid, TransferGrid, ViewRays, VolumeFrame, VoxelBox, surface,
 };
 use glam::{DVec3, Mat3};
 use rayon::prelude::*;
@@ -257,7 +258,31 @@ pub(crate) fn rank_of(thresholds: &[f32; MAX_SURFACES], code: f32) -> i32 {
     rank
 }
 
+/// Whether all shown is fog, classified by the value in the middle of each segment alone.
+pub(crate) fn is_plain_fog(settings: &FrameSettings) -> bool {
+    let is_bare = settings.surfaces.is_empty() && settings.grid().is_none();
+    is_bare && settings.mode == Mode::Dvr && settings.method() == Method::Udvr
+}
+
 impl Frame<'_> {
+    pub(crate) fn is_unlit_plain_fog(&self) -> bool {
+        !self.is_lit && is_plain_fog(self.settings)
+    }
+
+    /// Whether [plain fog](is_plain_fog) is sampled, and its gradients found, in packets.
+    pub(crate) fn is_sampled_in_packets(&self) -> bool {
+        is_plain_fog(self.settings)
+            && match self.is_lit {
+                true => self.reading.of_gradients() == Reading::Filtered(Filter::Trilinear),
+                false => self.reading != Reading::Filtered(Filter::Tricubic),
+            }
+    }
+
+    /// Whether segments of fog or surfaces are examined from end to end.
+    pub(crate) fn needs_ends(&self) -> bool {
+        !self.settings.surfaces.is_empty() || self.settings.method().curve() != Curve::Middle
+    }
+
     /// Whether drawing is given up. Checked once per cell or ray: reading a clock costs some 50 ns.
     pub(crate) fn is_given_up(&self) -> bool {
         self.painting.is_some_and(Painting::is_abandoned) || self.until.is_some_and(|until| Instant::now() >= until)

@@ -17,9 +17,8 @@ use crate::sample::{ALL_PACKETS, Code, SampleChunk};
 use crate::stretch::{March, Stretch};
 use crate::transfer_table::Entries;
 use crate::unit::{Choice, Unit};
-use brickyard_volume::sampling::Curve;
+use brickyard_volume::Mode;
 use brickyard_volume::surface::Meeting;
-use brickyard_volume::{Method, Mode};
 use glam::{DVec3, Vec4};
 use std::ops::Range;
 
@@ -130,25 +129,17 @@ impl Choice for Gathering<'_> {
     type Chosen = Gather;
 
     fn of<C: Code, U: Unit>(self) -> Gather {
-        let settings = self.frame.settings;
         if self.is_read {
             return gather::<C, U, Read>;
         }
-        if is_plain(self.frame) && !self.has_surfaces {
+        if self.frame.is_unlit_plain_fog() && !self.has_surfaces {
             return gather::<C, U, Plain>;
         }
-        match settings.method().curve() == Curve::Middle && settings.surfaces.is_empty() {
-            true => gather::<C, U, Any<false>>,
-            false => gather::<C, U, Any<true>>,
+        match self.frame.needs_ends() {
+            true => gather::<C, U, Any<true>>,
+            false => gather::<C, U, Any<false>>,
         }
     }
-}
-
-/// Whether a layer is plain fog: each segment is classified by the value in its middle alone, and nothing is lit.
-pub(crate) fn is_plain(frame: &Frame<'_>) -> bool {
-    let settings = frame.settings;
-    let is_bare = !frame.is_lit && frame.grid.is_none() && settings.surfaces.is_empty();
-    is_bare && settings.mode == Mode::Dvr && settings.method() == Method::Udvr
 }
 
 fn gather<C: Code, U: Unit, L: Look>(

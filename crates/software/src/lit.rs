@@ -3,23 +3,13 @@
 //! A chunk's samples are classified like unlit ones. Then light goes through its packets, and only visible packets
 //! reached by light are lit.
 
-use crate::frame::Frame;
 use crate::packet::{LANES, PACKETS, Packet};
 use crate::ray::{FAINTEST, Ray};
 use crate::sample::{Code, SampleChunk};
 use crate::shade::{Shade, Shaded};
 use crate::stretch::March;
 use crate::unit::Unit;
-use brickyard_volume::{Filter, Method, Mode};
 use glam::Vec4;
-
-/// Whether this file lights a frame's pictures.
-pub(crate) fn is_lit_plainly(frame: &Frame<'_>) -> bool {
-    let settings = frame.settings;
-    let is_plain = settings.mode == Mode::Dvr && settings.method() == Method::Udvr && settings.surfaces.is_empty();
-    let is_trilinear = settings.sampling.filter.of_gradients() == Filter::Trilinear && !settings.encoding.is_labels;
-    frame.is_lit && is_plain && is_trilinear && frame.grid.is_none()
-}
 
 /// Passes light through the visible packets of a chunk. A call of its own on each vector unit: it is large.
 #[inline(always)]

@@ -2,21 +2,18 @@
 //! sampling ([`Sampler`]) per code width as well.
 
 use crate::frame::{Cell, Frame};
-use crate::lit::is_lit_plainly;
 use crate::macrocells::{Coverage, Reach};
 use crate::medium::Medium;
 use crate::meshes::MeshLayers;
 use crate::modes::{Accumulate, Average, Dvr, MinIp, Mip};
 use crate::packet::LANES;
 use crate::ray::Ray;
-use crate::reading::Reading;
 use crate::sample::{Brick, Code, SampleChunk};
 use crate::stretch::{March, Stretch};
 use crate::surface::Isosurface;
 use crate::tiles::{PIXELS, Tile, place, places};
 use crate::unit::{Choice, Unit};
-use brickyard_volume::sampling::Curve;
-use brickyard_volume::{Filter, Method, Mode};
+use brickyard_volume::Mode;
 use glam::Vec4;
 use std::ops::Range;
 
@@ -66,16 +63,11 @@ impl Choice for &Frame<'_> {
     type Chosen = MarchTile;
 
     fn of<C: Code, U: Unit>(self) -> MarchTile {
-        let method = self.settings.method();
-        let is_bare = !self.is_lit && self.grid.is_none();
-        let is_plain = method == Method::Udvr && self.reading != Reading::Filtered(Filter::Tricubic) && is_bare;
         match self.settings.mode {
             Mode::Isosurface if self.is_one_opaque_surface => MarchTile::new::<C, U, Isosurface>(),
-            Mode::Isosurface => MarchTile::new::<C, U, Medium<true>>(),
-            Mode::Dvr if !self.settings.surfaces.is_empty() => MarchTile::new::<C, U, Medium<true>>(),
-            Mode::Dvr if is_plain || is_lit_plainly(self) => MarchTile::new::<C, U, Dvr>(),
-            Mode::Dvr if method.curve() == Curve::Middle => MarchTile::new::<C, U, Medium<false>>(),
-            Mode::Dvr => MarchTile::new::<C, U, Medium<true>>(),
+            Mode::Dvr if self.is_sampled_in_packets() => MarchTile::new::<C, U, Dvr>(),
+            Mode::Dvr if !self.needs_ends() => MarchTile::new::<C, U, Medium<false>>(),
+            Mode::Dvr | Mode::Isosurface => MarchTile::new::<C, U, Medium<true>>(),
             Mode::Mip => MarchTile::new::<C, U, Mip>(),
             Mode::MinIp => MarchTile::new::<C, U, MinIp>(),
             Mode::Average => MarchTile::new::<C, U, Average>(),
