@@ -66,7 +66,7 @@ impl Brick<'_> {
             };
             for i in 0..LANES {
                 let number = sign * best[i];
-                chunk.code[p][i] = if C::IS_FLOAT { self.map().code(number) } else { number };
+                chunk.code[p][i] = if C::IS_FLOAT { self.map.code(number) } else { number };
                 if C::INVALID && best[i] == f32::NEG_INFINITY {
                     chunk.weight[p][i] = 0.0;
                 }
@@ -123,7 +123,7 @@ impl Brick<'_> {
             for i in 0..LANES {
                 let voxel = touched.first[i] + (y * touched.more[1][i] + z * touched.more[2][i] * padded) * padded;
                 // SAFETY: by the caller's promise the voxel is in the brick, and so is the one above it along x.
-                pair[i] = unsafe { C::pair(self.codes().as_ptr().add(voxel as usize * C::BYTES)) };
+                pair[i] = unsafe { C::pair(self.codes.as_ptr().add(voxel as usize * C::BYTES)) };
             }
             for i in 0..LANES {
                 let near = self.signed::<C>(C::near(pair[i]), sign);
@@ -152,7 +152,7 @@ impl Brick<'_> {
                         let voxel = (touched.first[i] + touched.skipped[i]) as usize + x + (y + z * padded) * padded;
                         // SAFETY: by the caller's promise the voxel is in the brick; no alignment is needed.
                         let stored = unsafe {
-                            let at = self.codes().as_ptr().add(voxel * C::BYTES);
+                            let at = self.codes.as_ptr().add(voxel * C::BYTES);
                             match C::BYTES {
                                 1 => f32::from(*at),
                                 2 => f32::from(u16::from_le(at.cast::<u16>().read_unaligned())),
@@ -171,7 +171,7 @@ impl Brick<'_> {
     /// A voxel's number, times `sign`; less than all numbers if the voxel has no value.
     #[inline(always)]
     fn signed<C: Code>(&self, stored: f32, sign: f32) -> f32 {
-        let (number, has_value) = C::part(stored, self.map());
+        let (number, has_value) = C::part(stored, &self.map);
         if C::INVALID && !has_value { f32::NEG_INFINITY } else { sign * number }
     }
 }

@@ -142,7 +142,7 @@ impl<'a> JointMarch<'a> {
         }
         let over = |frame: &Frame<'_>| -> Vec<u32> {
             let cells = frame.cells.iter().zip(0..);
-            cells.filter(|(cell, _)| meets(cell, tile)).map(|(_, i)| i).collect()
+            cells.filter(|(cell, _)| cell.rect.meets(tile)).map(|(_, i)| i).collect()
         };
         let cells: Vec<Vec<u32>> = frames.iter().map(over).collect();
         for (i, pixel) in pixels(tile) {
@@ -159,11 +159,6 @@ impl<'a> JointMarch<'a> {
 fn pixels(tile: &Tile) -> impl Iterator<Item = (usize, [u32; 2])> {
     let Tile { x0, x1, y0, y1 } = *tile;
     places(tile).zip((y0..y1).flat_map(move |y| (x0..x1).map(move |x| [x, y])))
-}
-
-fn meets(cell: &Cell<'_>, tile: &Tile) -> bool {
-    let rect = &cell.rect;
-    rect.x0 < tile.x1 && tile.x0 < rect.x1 && rect.y0 < tile.y1 && tile.y0 < rect.y1
 }
 
 impl Work {
@@ -379,14 +374,9 @@ fn shade<'a>(
     zone: usize,
 ) -> impl Fn(usize, DVec3, Option<DVec3>) -> DVec3 + use<'a> {
     let (settings, ticks) = (frame.settings, &frame.ticks);
-    let direction = DVec3::from_array(ray.direction) * settings.geometry.spacing;
-    let direction = settings.placement.world_vector(direction);
-    let eye = settings.geometry.world_from_voxel(DVec3::from_array(ray.origin));
-    let eye = settings.placement.world_from_volume(eye);
+    let (eye, direction) = frame.world_ray(ray);
     let length = ticks.step * (1u64 << zone) as f64;
-    let voxels = DVec3::from_array(ray.direction);
-    let cut = settings.cut_face(frame.extent, (DVec3::from_array(ray.origin), voxels), ray.eye);
-    let cut = cut.map(|cut| (cut, cut.voxels_per_distance(voxels, DVec3::ONE)));
+    let cut = frame.cut(ray, [1.0; 3]);
     move |segment, color, normal| {
         let start = tick as f64 * ticks.step + segment as f64 * length;
         let middle = 0.5 * (start.max(enter) + (start + length).min(leave));

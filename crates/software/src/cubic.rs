@@ -22,7 +22,7 @@ impl Brick<'_> {
         for i in 0..LANES {
             let Sums { middle, sum, valid } = self.cubic::<C>([points[0][i], points[1][i], points[2][i]]);
             code[i] = middle + if C::INVALID { sum / valid.max(f32::MIN_POSITIVE) } else { sum };
-            code[i] = if C::IS_FLOAT { self.map().code(code[i]) } else { code[i] };
+            code[i] = if C::IS_FLOAT { self.map.code(code[i]) } else { code[i] };
             if C::INVALID && valid < 0.5 {
                 weight[i] = 0.0;
             }
@@ -63,11 +63,11 @@ impl Brick<'_> {
     /// Four neighbouring codes, or differences to become codes, and which of the voxels have a value.
     #[inline(always)]
     fn row<C: Code>(&self, first: usize) -> (Vec4, BVec4A) {
-        let codes = &self.codes()[first * C::BYTES..][..4 * C::BYTES];
+        let codes = &self.codes[first * C::BYTES..][..4 * C::BYTES];
         // SAFETY: there are four codes.
         let [low, high] = unsafe { [C::pair(codes.as_ptr()), C::pair(codes.as_ptr().add(2 * C::BYTES))] };
         let [a, b, c, d] =
-            [C::near(low), C::far(low), C::near(high), C::far(high)].map(|code| C::part(code, self.map()));
+            [C::near(low), C::far(low), C::near(high), C::far(high)].map(|code| C::part(code, &self.map));
         (Vec4::new(a.0, b.0, c.0, d.0), BVec4A::new(a.1, b.1, c.1, d.1))
     }
 }

@@ -14,9 +14,6 @@ use crate::unit::Unit;
 use brickyard_volume::Gradient;
 use brickyard_volume::lighting::SMOOTH;
 
-/// Voxels along the edge of the smallest brick with two voxels on each side of a place.
-const LEAST_PADDED: usize = 4;
-
 /// A sample taken by an operator: its place, in voxels from the operator's, and the share of its code in the difference
 /// along each axis.
 #[derive(Clone, Copy)]
@@ -70,23 +67,6 @@ impl Brick<'_> {
         if C::INVALID && odd > 0.0 {
             *differences = self.sampled_differences::<C, U, _>(&CENTRAL, (points, middle));
         }
-    }
-
-    /// The voxels below eight places, each with a lower neighbour and two upper ones along each axis, and the places'
-    /// fractions towards the next.
-    #[inline(always)]
-    pub(crate) fn voxels_around(&self, points: &[Packet; 3]) -> ([i32; LANES], [Packet; 3]) {
-        assert!(self.padded() >= LEAST_PADDED, "no voxels to take differences of");
-        let (mut voxel, mut t) = ([0; LANES], [[0.0; LANES]; 3]);
-        for a in [2, 1, 0] {
-            for i in 0..LANES {
-                // A whole part is at least 1 and at most padded - 3.
-                let (whole, fraction) = self.grid().split_inside(points[a][i]);
-                t[a][i] = fraction;
-                voxel[i] = voxel[i] * self.padded() as i32 + whole;
-            }
-        }
-        (voxel, t)
     }
 
     /// [`Brick::central_differences`] at the given voxels and fractions towards their upper neighbours. Returns
@@ -154,7 +134,7 @@ impl Brick<'_> {
         if C::IS_FLOAT {
             for axis in differences {
                 for i in 0..LANES {
-                    axis[i] *= self.map().per_number;
+                    axis[i] *= self.map.per_number;
                 }
             }
         }
@@ -216,7 +196,7 @@ impl Brick<'_> {
         [near, far]: [&mut Packet; 2],
         odd: &mut Packet,
     ) {
-        let (first, map) = (self.codes().as_ptr(), self.map());
+        let (first, map) = (self.codes.as_ptr(), &self.map);
         let mut pair = [C::Pair::default(); LANES];
         for i in 0..LANES {
             // SAFETY: the caller's promise; the brick's length was checked on creation.

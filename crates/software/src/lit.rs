@@ -3,7 +3,7 @@
 //! A chunk's samples are classified like unlit ones. Then light goes through its packets, and only visible packets
 //! reached by light are lit.
 
-use crate::packet::{LANES, PACKETS, Packet};
+use crate::packet::{LANES, PACKETS, Packet, points};
 use crate::ray::{FAINTEST, Ray};
 use crate::sample::{Code, SampleChunk};
 use crate::shade::{Shade, Shaded};
@@ -23,7 +23,7 @@ pub(crate) fn see<C: Code, U: Unit>(march: &March<'_>, ray: &Ray, chunk: &mut Sa
 
 #[inline(always)]
 fn see_on<C: Code, U: Unit>(march: &March<'_>, ray: &Ray, chunk: &mut SampleChunk, shows: u32) -> Vec4 {
-    let (eye, view) = march.world_ray(ray);
+    let (eye, view) = march.frame.world_ray(ray);
     let cut = march.cut(ray);
     let shade = Shade::new(&march.frame.settings.lighting, march.slopes(), eye, view, cut);
     let mut shaded = Shaded::EMPTY;
@@ -54,15 +54,11 @@ fn light_packet<C: Code, U: Unit>(
     shaded: &mut Shaded,
 ) {
     let stretch = march.stretch;
-    let (mut points, mut differences, mut distance) = ([[0.0; LANES]; 3], [[0.0; LANES]; 3], [0.0; LANES]);
-    for a in 0..3 {
-        for i in 0..LANES {
-            points[a][i] = stretch.origin[a] + along[i] * stretch.step[a];
-        }
-    }
+    let (mut differences, mut distance) = ([[0.0; LANES]; 3], [0.0; LANES]);
     for i in 0..LANES {
         distance[i] = stretch.middle as f32 + along[i] * stretch.length as f32;
     }
+    let points = points(stretch.origin, stretch.step, along);
     let rounded = march.differences::<C, U>(&points, code, &mut differences);
     shade.packet(&differences, (&distance, &rounded), shaded);
 }

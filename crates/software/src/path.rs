@@ -7,7 +7,7 @@
 
 use crate::differences::{CENTRAL, SOBEL, Tap};
 use crate::gradients::Gradients;
-use crate::packet::{LANES, Packet};
+use crate::packet::{LANES, Packet, points};
 use crate::ray::Ray;
 use crate::reading::Reading;
 use crate::row::{Passed, Row};
@@ -63,7 +63,7 @@ impl<'a> Path<'a> {
     #[inline(always)]
     pub(crate) fn new(march: &'a March<'a>, ray: &Ray) -> Self {
         let March { frame, cell, stretch, .. } = march;
-        let (eye, direction) = march.world_ray(ray);
+        let (eye, direction) = frame.world_ray(ray);
         let [low, high] = stretch.sampleable(frame.edge + 2 * frame.apron);
         let ticks = &frame.ticks;
         let (mut first_start, mut last_end) = (f32::NEG_INFINITY, f32::INFINITY);
@@ -71,8 +71,7 @@ impl<'a> Path<'a> {
             first_start = stretch.along(ray.ends(ticks, stretch.start).0);
         }
         if stretch.end == ray.end {
-            let tick = stretch.start + (((stretch.count - 1) as u32) << stretch.zone);
-            last_end = stretch.along(ray.ends(ticks, tick).1);
+            last_end = stretch.along(ray.ends(ticks, stretch.tick(stretch.count - 1)).1);
         }
         Self {
             march,
@@ -122,13 +121,7 @@ impl<'a> Path<'a> {
 
     #[inline(always)]
     pub(crate) fn sample<C: Code, U: Unit>(&self, along: Packet) -> Samples {
-        let (mut points, mut weight) = ([[0.0; LANES]; 3], [1.0; LANES]);
-        for i in 0..LANES {
-            let along = along[i].max(self.low).min(self.high);
-            for a in 0..3 {
-                points[a][i] = self.stretch.origin[a] + along * self.stretch.step[a];
-            }
-        }
+        let (points, mut weight) = (self.points(&along), [1.0; LANES]);
         let March { frame, brick, .. } = self.march;
         let code = brick.read_points::<C, U>(frame.reading, &points, &mut weight);
         Samples { along, code, weight }
@@ -220,13 +213,7 @@ impl<'a> Path<'a> {
         differences: &mut [Packet; 3],
     ) {
         if self.march.frame.reading.of_gradients() == Reading::Filtered(Filter::Trilinear) {
-            let mut points = [[0.0; LANES]; 3];
-            for i in 0..LANES {
-                let place = self.slot_place(along[i]);
-                for a in 0..3 {
-                    points[a][i] = place[a];
-                }
-            }
+            let points = self.points(along);
             let rounded = self.march.differences::<C, U>(&points, code, differences);
             return without_rounding(&rounded, differences);
         }
@@ -506,6 +493,16 @@ impl<'a> Path<'a> {
     fn stored_differences(&self, along: f32) -> Vec3 {
         let March { frame, cell, .. } = self.march;
         Gradients::new(cell.brick.gradients(), frame.gradients, frame.apron).at(self.slot_place(along))
+    }
+
+    /// The slot coordinates of places, or of the nearest ones that can be sampled.
+    #[inline(always)]
+    fn points(&self, along: &Packet) -> [Packet; 3] {
+        let mut inside = *along;
+        for i in 0..LANES {
+            inside[i] = along[i].max(self.low).min(self.high);
+        }
+        points(self.stretch.origin, self.stretch.step, &inside)
     }
 
     /// The slot coordinate of a place, or of the nearest one that can be sampled.

@@ -1,7 +1,7 @@
 //! The reading of a padded brick at a place: through a filter or, for labels, as the label of the surrounding voxel,
 //! whatever the filter.
 
-use crate::packet::{LANES, PACKETS, Packet};
+use crate::packet::{LANES, PACKETS, Packet, points};
 use crate::sample::{Brick, Code, SampleChunk};
 use crate::unit::Unit;
 use brickyard_volume::{Filter, FrameSettings};
@@ -46,12 +46,7 @@ impl Brick<'_> {
             return self.sample::<C, U>(origin, step, chunk);
         }
         for p in 0..chunk.packets.min(PACKETS) {
-            let mut points = [[0.0; LANES]; 3];
-            for a in 0..3 {
-                for i in 0..LANES {
-                    points[a][i] = origin[a] + chunk.along[p][i] * step[a];
-                }
-            }
+            let points = points(origin, step, &chunk.along[p]);
             chunk.code[p] = self.read_points::<C, U>(reading, &points, &mut chunk.weight[p]);
         }
     }
@@ -77,8 +72,8 @@ impl Brick<'_> {
         let mut code = [0.0; LANES];
         for i in 0..LANES {
             let [x, y, z] = [0, 1, 2].map(|a| self.nearest(points[a][i]));
-            let (number, has_value) = C::part(self.number::<C>([x, y, z]), self.map());
-            code[i] = if C::IS_FLOAT { self.map().code(number) } else { number };
+            let (number, has_value) = C::part(self.number::<C>([x, y, z]), &self.map);
+            code[i] = if C::IS_FLOAT { self.map.code(number) } else { number };
             if C::INVALID && !has_value {
                 weight[i] = 0.0;
             }
@@ -112,7 +107,7 @@ impl Brick<'_> {
     #[inline(always)]
     fn number<C: Code>(&self, [x, y, z]: [usize; 3]) -> f32 {
         let at = ((z * self.padded() + y) * self.padded() + x) * C::BYTES;
-        let codes = &self.codes()[at..][..C::BYTES];
+        let codes = &self.codes[at..][..C::BYTES];
         match *codes {
             [code] => code as f32,
             [a, b] => u16::from_le_bytes([a, b]) as f32,

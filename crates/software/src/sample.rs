@@ -12,7 +12,7 @@
 //! Everything here is `#[inline(always)]` and free of closures, to be compiled for the vector unit of its final
 //! function: one for a chunk and one for a packet, for each width of codes, shared by all modes.
 
-use crate::packet::{LANES, PACKETS, Packet};
+use crate::packet::{LANES, PACKETS, Packet, points};
 use crate::row::Row;
 use crate::steps::Places;
 use crate::unit::Unit;
@@ -62,6 +62,9 @@ impl SampleChunk {
         media: Vec::new(),
     };
 }
+
+/// Voxels along the edge of the smallest brick with two voxels on each side of a place.
+const LEAST_PADDED: usize = 4;
 
 /// All packets of a chunk, a bit for each.
 pub(crate) const ALL_PACKETS: u32 = (1 << PACKETS) - 1;
@@ -247,33 +250,28 @@ impl Grid {
     #[inline(always)]
     pub(crate) fn locate(&self, origin: [f32; 3], step: [f32; 3], chunk: &mut SampleChunk) {
         for p in 0..chunk.packets.min(PACKETS) {
-            let mut voxel = [0i32; LANES];
-            for a in [2, 1, 0] {
-                for i in 0..LANES {
-                    let (whole, fraction) = self.split(origin[a] + chunk.along[p][i] * step[a]);
-                    chunk.fraction[p][a][i] = fraction;
-                    voxel[i] = voxel[i] * self.padded as i32 + whole;
-                }
-            }
-            chunk.voxel[p] = voxel;
+            let points = points(origin, step, &chunk.along[p]);
+            (chunk.voxel[p], chunk.fraction[p]) = self.voxels::<0>(&points);
         }
     }
 
-    /// The whole part, at most padded - 2, and the fraction of a coordinate, clamped into the brick.
+    /// The voxels below eight slot coordinates, given axis by axis, and the fractions towards the next. Coordinates are
+    /// clamped into the brick, at least `MARGIN` voxels inside: whole parts are from `MARGIN` to `padded - 2 - MARGIN`.
     #[inline(always)]
-    fn split(&self, v: f32) -> (i32, f32) {
-        self.split_between::<0>(v)
+    fn voxels<const MARGIN: u8>(&self, points: &[Packet; 3]) -> ([i32; LANES], [Packet; 3]) {
+        let (mut voxel, mut fraction) = ([0i32; LANES], [[0.0f32; LANES]; 3]);
+        for a in [2, 1, 0] {
+            for i in 0..LANES {
+                let whole;
+                (whole, fraction[a][i]) = self.split::<MARGIN>(points[a][i]);
+                voxel[i] = voxel[i] * self.padded as i32 + whole;
+            }
+        }
+        (voxel, fraction)
     }
 
-    /// Splits a coordinate like [`Grid::split`], but at least a voxel inside the brick, which has four voxels along an
-    /// edge or more: the whole part is from 1 to padded - 3.
     #[inline(always)]
-    pub(crate) fn split_inside(&self, v: f32) -> (i32, f32) {
-        self.split_between::<1>(v)
-    }
-
-    #[inline(always)]
-    fn split_between<const MARGIN: u8>(&self, v: f32) -> (i32, f32) {
+    fn split<const MARGIN: u8>(&self, v: f32) -> (i32, f32) {
         let (low, high) = (MARGIN as f32, self.limit - MARGIN as f32);
         // Written so that NaN ends up inside, too.
         let v = if v > low { v } else { low };
@@ -287,9 +285,9 @@ impl Grid {
 /// A padded brick, ready to sample.
 #[derive(Clone, Copy)]
 pub(crate) struct Brick<'a> {
-    codes: &'a [u8],
+    pub(crate) codes: &'a [u8],
     grid: Grid,
-    map: CodeMap,
+    pub(crate) map: CodeMap,
 }
 
 impl<'a> Brick<'a> {
@@ -300,25 +298,18 @@ impl<'a> Brick<'a> {
         Self { codes, grid, map }
     }
 
-    #[inline(always)]
-    pub(crate) fn map(&self) -> &CodeMap {
-        &self.map
-    }
-
     /// Voxels along the padded brick's edge.
     #[inline(always)]
     pub(crate) fn padded(&self) -> usize {
         self.grid.padded
     }
 
+    /// The voxels below eight slot coordinates, each with a lower neighbour and two upper ones along each axis, and the
+    /// coordinates' fractions towards the next.
     #[inline(always)]
-    pub(crate) fn grid(&self) -> &Grid {
-        &self.grid
-    }
-
-    #[inline(always)]
-    pub(crate) fn codes(&self) -> &'a [u8] {
-        self.codes
+    pub(crate) fn voxels_around(&self, points: &[Packet; 3]) -> ([i32; LANES], [Packet; 3]) {
+        assert!(self.grid.padded >= LEAST_PADDED, "no voxels to take differences of");
+        self.grid.voxels::<1>(points)
     }
 
     /// Fills in the codes of a chunk's samples, at the slot coordinates `origin + along * step` (voxel centres at whole
@@ -329,15 +320,12 @@ impl<'a> Brick<'a> {
         U::call(
             (&origin, &step),
             #[inline(always)]
-            move |(origin, step)| self.sample_on::<C, U>(*origin, *step, chunk),
+            move |(origin, step)| {
+                self.grid.locate(*origin, *step, chunk);
+                // SAFETY: the samples have been found in this brick.
+                unsafe { self.sample_located::<C, U>(ALL_PACKETS, chunk) };
+            },
         );
-    }
-
-    #[inline(always)]
-    fn sample_on<C: Code, U: Unit>(&self, origin: [f32; 3], step: [f32; 3], chunk: &mut SampleChunk) {
-        self.grid.locate(origin, step, chunk);
-        // SAFETY: the samples have been found in this brick.
-        unsafe { self.sample_located::<C, U>(ALL_PACKETS, chunk) };
     }
 
     /// Samples like [`Brick::sample`], but only these packets (a bit for each), already located.
@@ -362,22 +350,12 @@ impl<'a> Brick<'a> {
         U::call(
             (points, weight),
             #[inline(always)]
-            move |(points, weight)| self.sample_points_on::<C, U>(points, weight),
+            move |(points, weight)| {
+                let (voxel, fraction) = self.grid.voxels::<0>(points);
+                // SAFETY: every coordinate's whole part is at most padded - 2.
+                unsafe { self.interpolated::<C, U>(&voxel, &fraction, weight) }
+            },
         )
-    }
-
-    #[inline(always)]
-    fn sample_points_on<C: Code, U: Unit>(&self, points: &[Packet; 3], weight: &mut Packet) -> Packet {
-        let (mut voxel, mut fraction) = ([0i32; LANES], [[0.0f32; LANES]; 3]);
-        for a in [2, 1, 0] {
-            for i in 0..LANES {
-                let whole;
-                (whole, fraction[a][i]) = self.grid.split(points[a][i]);
-                voxel[i] = voxel[i] * self.grid.padded as i32 + whole;
-            }
-        }
-        // SAFETY: every coordinate's whole part is at most padded - 2.
-        unsafe { self.interpolated::<C, U>(&voxel, &fraction, weight) }
     }
 
     /// The codes at the given voxels and fractions towards their upper neighbours.

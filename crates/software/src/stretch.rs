@@ -20,14 +20,6 @@ pub(crate) struct March<'a> {
 }
 
 impl March<'_> {
-    /// A ray's origin and unit direction in the scene's world.
-    #[inline(always)]
-    pub(crate) fn world_ray(&self, ray: &Ray) -> (DVec3, DVec3) {
-        let (geometry, placement) = (&self.frame.settings.geometry, &self.frame.settings.placement);
-        let eye = placement.world_from_volume(geometry.world_from_voxel(DVec3::from_array(ray.origin)));
-        (eye, placement.world_vector(DVec3::from_array(ray.direction) * geometry.spacing))
-    }
-
     /// Whether the ray enters at the segment at tick `first`, through a cut that caps surfaces.
     #[inline(always)]
     pub(crate) fn is_capped(&self, ray: &Ray, first: u32) -> bool {
@@ -59,11 +51,7 @@ impl March<'_> {
     /// per unit of distance; `None` without a cut.
     #[inline(always)]
     pub(crate) fn cut(&self, ray: &Ray) -> Option<(CutFace, f64)> {
-        self.frame.settings.clip.as_ref()?;
-        let direction = DVec3::from_array(ray.direction);
-        let origin = DVec3::from_array(ray.origin);
-        let cut = self.frame.settings.cut_face(self.frame.extent, (origin, direction), ray.eye)?;
-        Some((cut, cut.voxels_per_distance(direction, DVec3::from_array(self.cell.scale).recip())))
+        self.frame.cut(ray, self.cell.scale)
     }
 }
 
@@ -146,10 +134,16 @@ impl Stretch {
     /// them loses its rank, as voxels there may have had no value.
     #[inline(always)]
     pub(crate) fn reach(&self, ray: &mut Ray, segments: &Range<i32>, has_invalid: bool) {
-        if has_invalid && ray.past.reached != self.start + ((segments.start as u32) << self.zone) {
+        if has_invalid && ray.past.reached != self.tick(segments.start) {
             ray.past.rank = NO_RANK;
         }
-        ray.past.reached = self.start + ((segments.end as u32) << self.zone);
+        ray.past.reached = self.tick(segments.end);
+    }
+
+    /// The tick of a segment.
+    #[inline(always)]
+    pub(crate) fn tick(&self, segment: i32) -> u32 {
+        self.start + ((segment as u32) << self.zone)
     }
 
     /// The place of a distance along the stretch, in segments from the middle of the first.
@@ -240,8 +234,7 @@ impl Stretch {
         chunk.zone = self.zone;
         for (is_cut, lane) in [(cut_first, 0), (cut_last, left - 1)] {
             if is_cut {
-                let tick = self.start + (((done + lane) as u32) << self.zone);
-                let (middle, length) = ray.segment(&frame.ticks, tick);
+                let (middle, length) = ray.segment(&frame.ticks, self.tick(done + lane));
                 let (p, i) = (lane as usize / LANES, lane as usize % LANES);
                 chunk.along[p][i] = self.along(middle);
                 chunk.weight[p][i] = (length.max(0.0) * frame.per_unit) as f32;

@@ -9,7 +9,7 @@
 use crate::frame::{Cell, Frame, INSIDE, OUTSIDE};
 use crate::macrocells::{Coverage, Mask, Reach};
 use crate::modes::Accumulate;
-use crate::packet::{LANES, Packet};
+use crate::packet::{LANES, Packet, points};
 use crate::ray::Ray;
 use crate::sample::{Code, SampleChunk};
 use crate::stretch::{March, Stretch};
@@ -63,7 +63,7 @@ impl Accumulate for Isosurface {
                 along
             }
         };
-        let first = stretch.start + ((segments.start as u32) << stretch.zone);
+        let first = stretch.tick(segments.start);
         if C::INVALID && march.frame.settings.encoding.has_invalid && ray.past.reached != first {
             ray.sum.x = 0.0;
         }
@@ -89,8 +89,8 @@ impl Accumulate for Isosurface {
             }
             let last = (left - 1) as usize;
             if stretch.end == ray.end && segments.end == stretch.count && last < TOGETHER * LANES {
-                let tick = stretch.start + (((stretch.count - 1) as u32) << stretch.zone);
-                chunk.along[last / LANES][last % LANES] = inside(stretch.along(ray.ends(ticks, tick).1));
+                let (_, end) = ray.ends(ticks, stretch.tick(stretch.count - 1));
+                chunk.along[last / LANES][last % LANES] = inside(stretch.along(end));
             }
             march.brick.read::<C, U>(march.frame.reading, stretch.origin, stretch.step, chunk);
             for p in 0..chunk.packets.min(TOGETHER) {
@@ -101,8 +101,7 @@ impl Accumulate for Isosurface {
                     continue;
                 };
                 let segment = done + (p * LANES + i) as i32;
-                let tick = stretch.start + ((segment as u32) << stretch.zone);
-                let from = inside(stretch.along(ray.ends(ticks, tick).0));
+                let from = inside(stretch.along(ray.ends(ticks, stretch.tick(segment)).0));
                 let end = [chunk.along[p][i], chunk.code[p][i]];
                 let line = Line { march, threshold: march.frame.thresholds[0] };
                 let hit = line.locate::<C, U>(from, end);
@@ -111,7 +110,7 @@ impl Accumulate for Isosurface {
             }
             done += (TOGETHER * LANES) as i32;
         }
-        ray.past.reached = stretch.start + ((segments.end as u32) << stretch.zone);
+        ray.past.reached = stretch.tick(segments.end);
     }
 
     #[inline(always)]
@@ -199,7 +198,7 @@ impl Line<'_> {
     /// The colour of a cap on the cut through which the ray enters.
     #[inline(never)]
     fn cap(&self, ray: &Ray) -> Vec3 {
-        let (_, direction) = self.march.world_ray(ray);
+        let (_, direction) = self.march.frame.world_ray(ray);
         let cosine = self.march.cut(ray).map(|(cut, _)| cut.normal.dot(direction));
         let (own, white) = headlight(cosine);
         Vec3::from(self.march.frame.settings.surfaces[0].color) * own as f32 + Vec3::splat(white as f32)
@@ -237,12 +236,7 @@ impl Line<'_> {
     #[inline(always)]
     fn sample<C: Code, U: Unit>(&self, along: &Packet) -> (Packet, Packet) {
         let Stretch { origin, step, .. } = *self.march.stretch;
-        let (mut points, mut weight) = ([[0.0; LANES]; 3], [1.0; LANES]);
-        for a in 0..3 {
-            for i in 0..LANES {
-                points[a][i] = origin[a] + along[i] * step[a];
-            }
-        }
+        let (points, mut weight) = (points(origin, step, along), [1.0; LANES]);
         let code = self.march.brick.read_points::<C, U>(self.march.frame.reading, &points, &mut weight);
         (code, weight)
     }
