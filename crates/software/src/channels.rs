@@ -13,7 +13,7 @@ use crate::modes::Dvr;
 use crate::packet::{CHUNK, LANES, PACKETS};
 use crate::ray::{FAINTEST, Ray};
 use crate::reading::Reading;
-use crate::sample::{Code, Grid, SampleChunk};
+use crate::sample::{Code, Grid};
 use crate::stretch::Stretch;
 use crate::tiles::PIXELS;
 use crate::unit::{Choice, Unit, call};
@@ -34,7 +34,7 @@ pub(crate) struct Channels {
 }
 
 /// Adds a layer's samples of some packets of a chunk.
-type Take = fn(&Part<'_, '_>, u32, &mut SampleChunk, &mut Media);
+type Take = fn(&Part<'_, '_>, u32, &mut Media);
 
 /// A layer's part of a cell of the shared cut.
 #[derive(Clone, Copy)]
@@ -66,7 +66,6 @@ struct Walk {
     /// Whether there are such segments, and each packet's blocks.
     is_on: bool,
     blocks: [u64; PACKETS],
-    chunk: SampleChunk,
     media: Media,
 }
 
@@ -135,7 +134,6 @@ impl Walks {
             pending: 0..0,
             is_on: false,
             blocks: [0; PACKETS],
-            chunk: SampleChunk::EMPTY,
             media: Media::new(0, false, false),
         };
         Self { walks: (0..if channels.is_some() { SIDE_BY_SIDE } else { 0 }).map(walk).collect(), count: 0 }
@@ -199,9 +197,9 @@ impl Walk {
         let Range { start, end } = self.pending;
         let end = end.min(start + CHUNK as i32);
         self.pending.start = end;
-        self.stretch.place_samples(parts[0].frame, ray, &mut self.chunk, start..end, true);
-        grid.locate(self.stretch.origin, self.stretch.step, &mut self.chunk);
-        for (p, blocks) in (0..).zip(&mut self.blocks).take(self.chunk.packets) {
+        self.stretch.place_samples(parts[0].frame, ray, &mut self.media.chunk, start..end, true);
+        grid.locate(self.stretch.origin, self.stretch.step, &mut self.media.chunk);
+        for (p, blocks) in (0..).zip(&mut self.blocks).take(self.media.chunk.packets) {
             let first = start + p * LANES as i32;
             let last = (first + LANES as i32).min(end) - 1;
             let (from, to) = (first / self.stretch.block, last / self.stretch.block);
@@ -213,7 +211,7 @@ impl Walk {
     #[inline(always)]
     fn packets(&self, layer: usize) -> u32 {
         let mut packets = 0;
-        for p in 0..self.chunk.packets.min(PACKETS) {
+        for p in 0..self.media.chunk.packets.min(PACKETS) {
             packets |= ((self.shown[layer] & self.blocks[p] != 0) as u32) << p;
         }
         packets
@@ -238,13 +236,13 @@ fn march(parts: &[Part<'_, '_>], walks: &mut [Walk], rays: &mut [Ray; PIXELS]) {
             for walk in walks.iter_mut().filter(|walk| walk.is_on) {
                 let packets = walk.packets(layer);
                 if packets != 0 {
-                    (part.take)(part, packets, &mut walk.chunk, &mut walk.media);
+                    (part.take)(part, packets, &mut walk.media);
                 }
             }
         }
         for walk in walks.iter_mut().filter(|walk| walk.is_on) {
             let ray = &mut rays[walk.place];
-            ray.sum = walk.media.see(walk.chunk.packets * LANES, ray.sum);
+            ray.sum = walk.media.see(walk.media.chunk.packets * LANES, ray.sum);
         }
     }
 }
@@ -260,18 +258,18 @@ impl Choice for Taking {
     }
 }
 
-fn take<C: Code, U: Unit>(part: &Part<'_, '_>, packets: u32, chunk: &mut SampleChunk, media: &mut Media) {
+fn take<C: Code, U: Unit>(part: &Part<'_, '_>, packets: u32, media: &mut Media) {
     U::call(
-        (chunk, media),
+        (part, media),
         #[inline(always)]
-        move |(chunk, media)| {
+        move |(part, media)| {
             let Part { frame, cell, share, .. } = *part;
-            let weight = chunk.weight;
+            let weight = media.chunk.weight;
             // SAFETY: the samples have been located in a brick of the same size.
-            unsafe { frame.brick::<C>(cell).sample_located::<C, U>(packets, chunk) };
-            add_fog::<U>(frame, share, packets, chunk, &mut media.mixed, &mut media.is_any);
+            unsafe { frame.brick::<C>(cell).sample_located::<C, U>(packets, &mut media.chunk) };
+            add_fog::<U>(frame, share, packets, 0, media);
             if C::INVALID {
-                chunk.weight = weight;
+                media.chunk.weight = weight;
             }
         },
     );

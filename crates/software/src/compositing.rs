@@ -18,7 +18,6 @@ use crate::media::Media;
 use crate::meshes::MeshLayers;
 use crate::packet::CHUNK;
 use crate::ray::{FAINTEST, Past, Ray};
-use crate::sample::SampleChunk;
 use crate::tiles::{PIXELS, Tile, place, places};
 use crate::unit::{Choice, call};
 use brickyard_volume::{Combination, CutFace};
@@ -84,7 +83,6 @@ struct Work {
     runs: Vec<Run>,
     ways: Vec<Way>,
     entries: Vec<Entry>,
-    chunk: SampleChunk,
     media: Media,
     walks: Walks,
     /// Each layer's surface state of rays that go cell by cell.
@@ -115,7 +113,6 @@ impl<'a> JointMarch<'a> {
             runs: Vec::new(),
             ways: Vec::new(),
             entries: Vec::new(),
-            chunk: SampleChunk::EMPTY,
             media: Media::new(read, frames[0].is_lit, self.has_surfaces),
             walks: Walks::new(self.channels.as_ref()),
             pasts: Vec::new(),
@@ -349,7 +346,7 @@ impl Work {
                     }
                     if shows {
                         let run = from..run.end.min(ticks.end);
-                        (together.gathers[way.layer])(frame, cell, way, run, at, &mut self.chunk, &mut self.media);
+                        (together.gathers[way.layer])(frame, cell, way, run, at, &mut self.media);
                     }
                 }
                 let after = if run.first >= ticks.end { Some(run.first) } else { way.next().filter(|_| shows) };

@@ -55,32 +55,23 @@ impl Brick<'_> {
     /// Places less than a voxel from the padded brick's faces are moved inwards. The middle's code replaces missing
     /// values.
     #[inline(always)]
-    pub(crate) fn central_differences<C: Code, U: Unit>(
-        &self,
-        points: &[Packet; 3],
-        middle: &Packet,
-        differences: &mut [Packet; 3],
-    ) {
+    pub(crate) fn central_differences<C: Code, U: Unit>(&self, points: &[Packet; 3], middle: &Packet) -> [Packet; 3] {
         let (voxel, t) = self.voxels_around(points);
         // SAFETY: such are the returned voxels.
-        let odd = unsafe { self.shared_differences::<C>(&voxel, &t, differences) };
+        let (differences, odd) = unsafe { self.shared_differences::<C>(&voxel, &t) };
         if C::INVALID && odd > 0.0 {
-            *differences = self.sampled_differences::<C, U, _>(&CENTRAL, (points, middle));
+            return self.sampled_differences::<C, U, _>(&CENTRAL, (points, middle));
         }
+        differences
     }
 
-    /// [`Brick::central_differences`] at the given voxels and fractions towards their upper neighbours. Returns
+    /// [`Brick::central_differences`] at the given voxels and fractions towards their upper neighbours. Also returns
     /// how many of the voxels read are no codes, if voxels may have no value; if any are, the differences are useless.
     ///
     /// # Safety
     /// Every index is that of a voxel with a lower neighbour and two upper ones along each axis.
     #[inline(always)]
-    unsafe fn shared_differences<C: Code>(
-        &self,
-        voxel: &[i32; LANES],
-        t: &[Packet; 3],
-        differences: &mut [Packet; 3],
-    ) -> f32 {
+    unsafe fn shared_differences<C: Code>(&self, voxel: &[i32; LANES], t: &[Packet; 3]) -> ([Packet; 3], f32) {
         let (row, slice) = (self.padded() as isize, (self.padded() * self.padded()) as isize);
         // By z, then by y: the four lines through the eight voxels around each place.
         let (mut line, mut along) = ([[[0.0; LANES]; 2]; 2], [[[0.0; LANES]; 2]; 2]);
@@ -105,6 +96,7 @@ impl Brick<'_> {
                 }
             }
         }
+        let mut differences = [[0.0; LANES]; 3];
         let [mut near, mut far] = [[0.0; LANES]; 2];
         for i in 0..LANES {
             near[i] = mix(along[0][0][i], along[0][1][i], t[1][i]);
@@ -121,12 +113,12 @@ impl Brick<'_> {
             far[i] = mix(beside_z[1][0][i] - line[0][0][i], beside_z[1][1][i] - line[0][1][i], t[1][i]);
         }
         differences[2] = mix_packets(&near, &far, &t[2]);
-        self.scale_to_codes::<C>(differences);
+        self.scale_to_codes::<C>(&mut differences);
         let mut sum = 0.0;
         for i in 0..LANES {
             sum += odd[i];
         }
-        sum
+        (differences, sum)
     }
 
     #[inline(always)]
@@ -247,24 +239,17 @@ impl Brick<'_> {
 
 impl March<'_> {
     /// Computes the differences of the frame's operator across two voxels along each axis, at eight slot coordinates
-    /// with these codes. Returns the codes whose rounding affects them: none for stored gradients.
+    /// with these codes. Also returns the codes whose rounding affects them: none for stored gradients.
     #[inline(always)]
-    pub(crate) fn differences<C: Code, U: Unit>(
-        &self,
-        points: &[Packet; 3],
-        code: &Packet,
-        differences: &mut [Packet; 3],
-    ) -> Packet {
+    pub(crate) fn differences<C: Code, U: Unit>(&self, points: &[Packet; 3], code: &Packet) -> ([Packet; 3], Packet) {
         match self.frame.settings.lighting.gradient {
-            Gradient::Central => self.brick.central_differences::<C, U>(points, code, differences),
-            Gradient::Sobel => self.brick.sobel_differences::<C, U>(points, code, differences),
+            Gradient::Central => (self.brick.central_differences::<C, U>(points, code), *code),
+            Gradient::Sobel => (self.brick.sobel_differences::<C, U>(points, code), *code),
             Gradient::Stored => {
                 let stored = Gradients::new(self.cell.brick.gradients(), self.frame.gradients, self.frame.apron);
-                stored.packet::<U>(points, self.frame.gradient_scale, differences);
-                return [0.0; LANES];
+                (stored.packet::<U>(points, self.frame.gradient_scale), [0.0; LANES])
             }
         }
-        *code
     }
 }
 
@@ -282,15 +267,13 @@ mod tests {
         is_sobel: bool,
         (points, middle): (&[Packet; 3], &Packet),
     ) -> [[Packet; 3]; 2] {
-        let mut found = [[0.0; LANES]; 3];
-        let expected = if is_sobel {
-            brick.sobel_differences::<C, Portable>(points, middle, &mut found);
-            brick.sampled_differences::<C, Portable, _>(&SOBEL, (points, middle))
+        if is_sobel {
+            let expected = brick.sampled_differences::<C, Portable, _>(&SOBEL, (points, middle));
+            [brick.sobel_differences::<C, Portable>(points, middle), expected]
         } else {
-            brick.central_differences::<C, Portable>(points, middle, &mut found);
-            brick.sampled_differences::<C, Portable, _>(&CENTRAL, (points, middle))
-        };
-        [found, expected]
+            let expected = brick.sampled_differences::<C, Portable, _>(&CENTRAL, (points, middle));
+            [brick.central_differences::<C, Portable>(points, middle), expected]
+        }
     }
 
     /// Compares differences from shared voxels and from samples, of noise, all over a brick.

@@ -3,6 +3,7 @@
 
 use crate::depths::DepthTable;
 use crate::macrocells::{Mask, over_boxes};
+use crate::meshes::pixels;
 use crate::packet::{LANES, Packet};
 use crate::painting::Painting;
 use crate::ray::Ray;
@@ -521,22 +522,7 @@ fn pixel_rect(rays: &ViewRays, geometry: &Geometry, placement: &Placement, regio
     if corners.iter().all(|corner| (corner - rays.eye).dot(rays.forward) < 0.0) {
         return None;
     }
-    let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
-    for corner in corners {
-        let Some(px) = rays.pixel(corner) else {
-            // Partly behind the eye: the outline is unbounded.
-            return Some(rays.whole());
-        };
-        for k in 0..2 {
-            low[k] = low[k].min(px[k]);
-            high[k] = high[k].max(px[k]);
-        }
-    }
-    // Casts saturate: far outside becomes the picture's edge.
-    let first = |k: usize| (low[k] - 1.0).floor() as u32;
-    let past = |k: usize, n: u32| ((high[k] + 1.0).ceil() as u32).min(n);
-    let rect = PixelRect { x0: first(0), x1: past(0, rays.width), y0: first(1), y1: past(1, rays.height) };
-    (rect.x0 < rect.x1 && rect.y0 < rect.y1).then_some(rect)
+    pixels(rays, rays.whole(), corners)
 }
 
 #[cfg(test)]

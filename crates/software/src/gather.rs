@@ -6,14 +6,13 @@ use crate::macrocells::{Coverage, Reach};
 use crate::march::look;
 use crate::media::{Media, Met};
 use crate::medium::Medium;
-use crate::mixture::Mixed;
 use crate::modes::{Accumulate, Dvr};
 use crate::packet::{CHUNK, LANES, PACKETS};
 use crate::path::Path;
 use crate::pieces::Pieces;
 use crate::ray::Ray;
 use crate::reading::Reading;
-use crate::sample::{ALL_PACKETS, Code, SampleChunk};
+use crate::sample::{ALL_PACKETS, Code};
 use crate::stretch::{March, Stretch};
 use crate::transfer_table::Entries;
 use crate::unit::{Choice, Unit};
@@ -98,7 +97,7 @@ impl Way {
 
 /// Adds a layer's media of a cell in a run of segments. The number is the place in the chunk of the run's first
 /// segment.
-pub(crate) type Gather = fn(&Frame<'_>, &Cell<'_>, &mut Way, Range<u32>, usize, &mut SampleChunk, &mut Media);
+pub(crate) type Gather = fn(&Frame<'_>, &Cell<'_>, &mut Way, Range<u32>, usize, &mut Media);
 
 /// The use made of samples.
 trait Look {
@@ -106,14 +105,7 @@ trait Look {
     const ENDS: bool;
 
     /// Takes some segments of a way's stretch; `at` is the place in the chunk of the stretch's first.
-    fn take<C: Code, U: Unit>(
-        march: &March<'_>,
-        way: &mut Way,
-        segments: Range<i32>,
-        at: i32,
-        chunk: &mut SampleChunk,
-        media: &mut Media,
-    );
+    fn take<C: Code, U: Unit>(march: &March<'_>, way: &mut Way, segments: Range<i32>, at: i32, media: &mut Media);
 }
 
 /// The function for gathering a layer.
@@ -148,13 +140,12 @@ fn gather<C: Code, U: Unit, L: Look>(
     way: &mut Way,
     run: Range<u32>,
     at: usize,
-    chunk: &mut SampleChunk,
     media: &mut Media,
 ) {
     U::call(
-        (chunk, media),
+        (way, media),
         #[inline(always)]
-        move |(chunk, media)| {
+        move |(way, media)| {
             let brick = frame.brick::<C>(cell);
             let mut tick = run.start;
             while tick < run.end {
@@ -168,7 +159,7 @@ fn gather<C: Code, U: Unit, L: Look>(
                 let first = at as i32 + ((tick - run.start) >> zone) as i32 - ((tick - start) >> zone) as i32;
                 while let Some(segments) = way.next_seen(((until - start) >> zone) as i32) {
                     let seen = media.end;
-                    L::take::<C, U>(&march, way, segments, first, chunk, media);
+                    L::take::<C, U>(&march, way, segments, first, media);
                     if media.end < seen {
                         return;
                     }
@@ -186,31 +177,18 @@ impl Look for Plain {
     const ENDS: bool = false;
 
     #[inline(always)]
-    fn take<C: Code, U: Unit>(
-        march: &March<'_>,
-        way: &mut Way,
-        segments: Range<i32>,
-        at: i32,
-        chunk: &mut SampleChunk,
-        media: &mut Media,
-    ) {
+    fn take<C: Code, U: Unit>(march: &March<'_>, way: &mut Way, segments: Range<i32>, at: i32, media: &mut Media) {
         let first = (at + segments.start) as usize;
-        march.sample::<C, U>(&way.ray, chunk, segments);
-        add_fog::<U>(march.frame, 1.0, ALL_PACKETS, chunk, &mut media.mixed[first..], &mut media.is_any);
+        march.sample::<C, U>(&way.ray, &mut media.chunk, segments);
+        add_fog::<U>(march.frame, 1.0, ALL_PACKETS, first, media);
     }
 }
 
-/// Adds a layer's medium at the samples of some packets of a sampled chunk. The chunk's weights times `share` are unit
-/// distances; `is_any` becomes true if a sample shows anything.
+/// Adds a layer's medium at the samples of some packets of a sampled chunk, to the segments from `first` on. The samples'
+/// weights times `share` are unit distances.
 #[inline(always)]
-pub(crate) fn add_fog<U: Unit>(
-    frame: &Frame<'_>,
-    share: f32,
-    packets: u32,
-    chunk: &mut SampleChunk,
-    mixed: &mut [Mixed],
-    is_any: &mut bool,
-) {
+pub(crate) fn add_fog<U: Unit>(frame: &Frame<'_>, share: f32, packets: u32, first: usize, media: &mut Media) {
+    let Media { chunk, mixed, is_any, .. } = media;
     let depths = frame.depths.as_ref().expect("layers of fog that are drawn together have it");
     let mut shows = 0;
     for p in 0..chunk.packets.min(PACKETS) {
@@ -218,7 +196,7 @@ pub(crate) fn add_fog<U: Unit>(
     }
     shows &= packets;
     *is_any |= shows != 0;
-    for (p, mixed) in mixed.as_chunks_mut().0.iter_mut().enumerate().take(PACKETS) {
+    for (p, mixed) in mixed[first..].as_chunks_mut().0.iter_mut().enumerate().take(PACKETS) {
         if shows & 1 << p == 0 {
             continue;
         }
@@ -242,14 +220,8 @@ impl<const ENDS: bool> Look for Any<ENDS> {
     const ENDS: bool = ENDS;
 
     #[inline(always)]
-    fn take<C: Code, U: Unit>(
-        march: &March<'_>,
-        Way { ray, .. }: &mut Way,
-        segments: Range<i32>,
-        at: i32,
-        chunk: &mut SampleChunk,
-        media: &mut Media,
-    ) {
+    fn take<C: Code, U: Unit>(march: &March<'_>, way: &mut Way, segments: Range<i32>, at: i32, media: &mut Media) {
+        let ray = &mut way.ray;
         let has_fog = march.frame.settings.mode == Mode::Dvr;
         let path = Path::new(march, ray);
         (media.alone.blend, media.alone.first) = (march.frame.blend, at);
@@ -259,8 +231,8 @@ impl<const ENDS: bool> Look for Any<ENDS> {
             if has_fog {
                 let mut next = piece.segments.start;
                 while next < piece.segments.end {
-                    next = piece.path.row::<C, U>(next..piece.segments.end, &mut chunk.media);
-                    chunk.media.drain(..).for_each(|passed| media.alone.pass(passed));
+                    next = piece.path.row::<C, U>(next..piece.segments.end, &mut media.chunk.media);
+                    media.chunk.media.drain(..).for_each(|passed| media.alone.pass(passed));
                 }
                 for segment in piece.segments.clone() {
                     media.take_alone(segment, piece.path.ends(segment).map(|along| path.distance(along)));
@@ -287,19 +259,12 @@ impl Look for Read {
     const ENDS: bool = false;
 
     #[inline(always)]
-    fn take<C: Code, U: Unit>(
-        march: &March<'_>,
-        way: &mut Way,
-        segments: Range<i32>,
-        at: i32,
-        chunk: &mut SampleChunk,
-        media: &mut Media,
-    ) {
-        march.sample::<C, U>(&way.ray, chunk, segments.clone());
+    fn take<C: Code, U: Unit>(march: &March<'_>, way: &mut Way, segments: Range<i32>, at: i32, media: &mut Media) {
+        march.sample::<C, U>(&way.ray, &mut media.chunk, segments.clone());
         let (read, is_lit) = (media.values.len() / CHUNK, march.frame.is_lit);
         let path = is_lit.then(|| Path::new(march, &way.ray));
         for (i, segment) in segments.enumerate().take(CHUNK) {
-            let (code, weight) = (chunk.code[i / LANES][i % LANES], chunk.weight[i / LANES][i % LANES]);
+            let (code, weight) = (media.chunk.code[i / LANES][i % LANES], media.chunk.weight[i / LANES][i % LANES]);
             if weight > 0.0 {
                 let place = (at + segment) as usize;
                 let value = march.frame.settings.encoding.value_of_code(code as f64);

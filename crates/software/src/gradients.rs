@@ -51,16 +51,16 @@ impl<'a> Gradients<'a> {
 
     /// [`Gradients::at`] at eight slot coordinates, given axis by axis, times `scale`. Not inlined: it is large.
     #[inline(always)]
-    pub(crate) fn packet<U: Unit>(&self, points: &[Packet; 3], scale: f32, differences: &mut [Packet; 3]) {
+    pub(crate) fn packet<U: Unit>(&self, points: &[Packet; 3], scale: f32) -> [Packet; 3] {
         U::call(
-            (points, differences),
+            points,
             #[inline(always)]
-            move |(points, differences)| self.packet_on(points, scale, differences),
-        );
+            move |points| self.packet_on(points, scale),
+        )
     }
 
     #[inline(always)]
-    fn packet_on(&self, points: &[Packet; 3], scale: f32, differences: &mut [Packet; 3]) {
+    fn packet_on(&self, points: &[Packet; 3], scale: f32) -> [Packet; 3] {
         let (mut first, mut t) = ([0; LANES], [[0.0; LANES]; 3]);
         for a in [2, 1, 0] {
             for i in 0..LANES {
@@ -70,7 +70,7 @@ impl<'a> Gradients<'a> {
                 first[i] = first[i] * self.along as i32 + node;
             }
         }
-        *differences = [[0.0; LANES]; 3];
+        let mut differences = [[0.0; LANES]; 3];
         for line in 0..4 {
             let at = (line / 2 * self.along + line % 2) * self.along;
             let (mut near, mut far) = ([0; LANES], [0; LANES]);
@@ -91,6 +91,7 @@ impl<'a> Gradients<'a> {
                 }
             }
         }
+        differences
     }
 }
 
@@ -127,8 +128,7 @@ mod tests {
             let mut points = [[0.0; LANES]; 3];
             // Including places a little outside of all nodes.
             points.as_flattened_mut().iter_mut().for_each(|v| *v = noise() as f32 / 65535.0 * 14.0 - 1.0);
-            let mut found = [[0.0; LANES]; 3];
-            gradients.packet::<Portable>(&points, 3.0, &mut found);
+            let found = gradients.packet::<Portable>(&points, 3.0);
             for i in 0..LANES {
                 let expected = gradients.at([0, 1, 2].map(|a| points[a][i])) * 3.0;
                 for a in 0..3 {

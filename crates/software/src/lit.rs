@@ -3,7 +3,7 @@
 //! A chunk's samples are classified like unlit ones. Then light goes through its packets, and only visible packets
 //! reached by light are lit.
 
-use crate::packet::{LANES, PACKETS, Packet, points};
+use crate::packet::{LANES, PACKETS, points};
 use crate::ray::{FAINTEST, Ray};
 use crate::sample::{Code, SampleChunk};
 use crate::shade::{Shade, Shaded};
@@ -23,6 +23,7 @@ pub(crate) fn see<C: Code, U: Unit>(march: &March<'_>, ray: &Ray, chunk: &mut Sa
 
 #[inline(always)]
 fn see_on<C: Code, U: Unit>(march: &March<'_>, ray: &Ray, chunk: &mut SampleChunk, shows: u32) -> Vec4 {
+    let stretch = march.stretch;
     let (eye, view) = march.frame.world_ray(ray);
     let cut = march.cut(ray);
     let shade = Shade::new(&march.frame.settings.lighting, march.slopes(), eye, view, cut);
@@ -33,7 +34,13 @@ fn see_on<C: Code, U: Unit>(march: &March<'_>, ray: &Ray, chunk: &mut SampleChun
             continue;
         }
         let along = &chunk.along[p];
-        light_packet::<C, U>(march, &shade, (along, &chunk.code[p]), &mut shaded);
+        let mut distance = [0.0; LANES];
+        for i in 0..LANES {
+            distance[i] = stretch.middle as f32 + along[i] * stretch.length as f32;
+        }
+        let points = points(stretch.origin, stretch.step, along);
+        let (differences, rounded) = march.differences::<C, U>(&points, &chunk.code[p]);
+        shade.packet(&differences, (&distance, &rounded), &mut shaded);
         for i in 0..LANES {
             let step = chunk.entry[p][i];
             color += shade.lit(&shaded, i, step, 1.0 - step.w) * light;
@@ -44,21 +51,4 @@ fn see_on<C: Code, U: Unit>(march: &March<'_>, ray: &Ray, chunk: &mut SampleChun
         }
     }
     color.with_w(light)
-}
-
-#[inline(always)]
-fn light_packet<C: Code, U: Unit>(
-    march: &March<'_>,
-    shade: &Shade<'_>,
-    (along, code): (&Packet, &Packet),
-    shaded: &mut Shaded,
-) {
-    let stretch = march.stretch;
-    let (mut differences, mut distance) = ([[0.0; LANES]; 3], [0.0; LANES]);
-    for i in 0..LANES {
-        distance[i] = stretch.middle as f32 + along[i] * stretch.length as f32;
-    }
-    let points = points(stretch.origin, stretch.step, along);
-    let rounded = march.differences::<C, U>(&points, code, &mut differences);
-    shade.packet(&differences, (&distance, &rounded), shaded);
 }

@@ -1,5 +1,5 @@
 //! A tile's rays through one layer, cell by cell: the hot loop. Traversal is compiled once per mode and vector unit;
-//! sampling ([`Sampler`]) per code width as well.
+//! sampling per code width as well.
 
 use crate::frame::{Cell, Frame};
 use crate::macrocells::{Coverage, Reach};
@@ -20,30 +20,20 @@ use std::ops::Range;
 /// The result of a tile's rays: premultiplied colour and transmitted light.
 pub(crate) type Seen = [Vec4; PIXELS];
 
-/// Takes a tile's rays through one volume's layer, between layers of meshes if any.
-type MarchRays = fn(Sampler, &Frame<'_>, &Tile, Option<&MeshLayers>, &mut Work, &mut Seen);
-
-/// The sampling of a cell's brick: two functions of one code width.
+/// The loop and the sampler for one volume's layer.
 #[derive(Clone, Copy)]
-struct Sampler {
-    /// The cell's brick, checked against the code width.
+pub(crate) struct MarchTile {
+    /// Takes a tile's rays through the layer, between layers of meshes if any.
+    march: fn(Self, &Frame<'_>, &Tile, Option<&MeshLayers>, &mut Work, &mut Seen),
+    /// A cell's brick, checked against the width of its codes.
     brick: for<'a> fn(&Frame<'_>, &Cell<'a>) -> Brick<'a>,
     /// Adds some segments of a stretch through such a brick to the ray's sum.
     take: fn(&March<'_>, &mut Ray, &mut SampleChunk, Range<i32>),
 }
 
-/// The loop and the sampler for one volume's layer.
-pub(crate) struct MarchTile {
-    march: MarchRays,
-    sampler: Sampler,
-}
-
 impl MarchTile {
     fn new<C: Code, U: Unit, B: Accumulate>() -> Self {
-        Self {
-            march: march::<U, B>,
-            sampler: Sampler { brick: |frame, cell| frame.brick::<C>(cell), take: take::<C, U, B> },
-        }
+        Self { march: march::<U, B>, brick: |frame, cell| frame.brick::<C>(cell), take: take::<C, U, B> }
     }
 
     pub(crate) fn march(
@@ -54,7 +44,7 @@ impl MarchTile {
         work: &mut Work,
         seen: &mut Seen,
     ) {
-        (self.march)(self.sampler, frame, tile, layers, work, seen);
+        (self.march)(*self, frame, tile, layers, work, seen);
     }
 }
 
@@ -89,7 +79,7 @@ fn take<C: Code, U: Unit, B: Accumulate>(
 }
 
 fn march<U: Unit, B: Accumulate>(
-    sampler: Sampler,
+    sampler: MarchTile,
     frame: &Frame<'_>,
     tile: &Tile,
     layers: Option<&MeshLayers>,
@@ -123,7 +113,13 @@ impl Work {
     }
 
     #[inline(always)]
-    fn march<B: Accumulate>(&mut self, sampler: Sampler, frame: &Frame<'_>, tile: &Tile, layers: Option<&MeshLayers>) {
+    fn march<B: Accumulate>(
+        &mut self,
+        sampler: MarchTile,
+        frame: &Frame<'_>,
+        tile: &Tile,
+        layers: Option<&MeshLayers>,
+    ) {
         let Self { rays, chunk, queue } = self;
         let mut waiting = 0;
         for y in tile.y0..tile.y1 {
@@ -212,7 +208,7 @@ impl Queue {
     #[inline(always)]
     fn march<B: Accumulate>(
         &mut self,
-        sampler: Sampler,
+        sampler: MarchTile,
         frame: &Frame<'_>,
         cell: &Cell<'_>,
         rays: &mut [Ray; PIXELS],

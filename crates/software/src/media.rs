@@ -2,6 +2,7 @@
 
 use crate::mixture::{LayerMedium, LayerMediumChunk, Mixed, OPAQUE, Passage};
 use crate::packet::{CHUNK, LANES};
+use crate::sample::SampleChunk;
 use brickyard_volume::Combination;
 use brickyard_volume::surface::{Meeting, sort_met};
 use glam::{DVec3, Vec4, Vec4Swizzles};
@@ -12,6 +13,8 @@ const PLACES: usize = CHUNK + LANES;
 
 /// Media of a chunk of segments, of all layers, with working memory.
 pub(crate) struct Media {
+    /// The samples of the layer being gathered.
+    pub(crate) chunk: SampleChunk,
     /// The joint media of each segment. They transmit `exp(-depth)` of the light.
     pub(crate) mixed: [Mixed; PLACES],
     /// Whether any segment of the chunk may have a medium.
@@ -59,6 +62,7 @@ impl Media {
     /// surfaces.
     pub(crate) fn new(read: usize, is_lit: bool, has_surfaces: bool) -> Self {
         Self {
+            chunk: SampleChunk::EMPTY,
             mixed: [Mixed::NONE; PLACES],
             is_any: false,
             end: CHUNK,

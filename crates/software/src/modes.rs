@@ -164,7 +164,10 @@ impl Dvr {
     fn look_up(frame: &Frame<'_>, chunk: &mut SampleChunk) -> u32 {
         let (entries, packets, mut shows) = (Entries::of(frame), chunk.packets.min(PACKETS), 0u32);
         for p in 0..packets {
-            let position = entries.positions(frame, &chunk.code[p]);
+            let mut position = chunk.code[p];
+            for i in 0..LANES {
+                position[i] *= frame.positions_per_code;
+            }
             if frame.shows(&position) {
                 shows |= 1 << p;
                 for i in 0..LANES {

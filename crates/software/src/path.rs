@@ -134,18 +134,13 @@ impl<'a> Path<'a> {
         U::call(
             segments,
             #[inline(always)]
-            move |segments| self.row_on::<C, U>(segments, media),
+            move |segments| match self.march.frame.settings.method().curve() {
+                Curve::Middle => self.middles::<C, U>(segments, media),
+                Curve::Line => self.curves::<C, U>(segments, 0, media),
+                Curve::Cubic => self.curves::<C, U>(segments, 1, media),
+                Curve::Field => self.field::<C, U>(segments, media),
+            },
         )
-    }
-
-    #[inline(always)]
-    fn row_on<C: Code, U: Unit>(&self, segments: Range<i32>, media: &mut Row) -> i32 {
-        match self.march.frame.settings.method().curve() {
-            Curve::Middle => self.middles::<C, U>(segments, media),
-            Curve::Line => self.curves::<C, U>(segments, 0, media),
-            Curve::Cubic => self.curves::<C, U>(segments, 1, media),
-            Curve::Field => self.field::<C, U>(segments, media),
-        }
     }
 
     /// One sample in the middle of each segment. Returns the first segment not taken.
@@ -171,7 +166,7 @@ impl<'a> Path<'a> {
         let (mut differences, mut shaded) = ([[0.0; LANES]; 3], Shaded::EMPTY);
         let shade = Shade::new(self.lighting(), self.march.slopes(), self.eye, self.direction, self.cut);
         if self.has_gradients {
-            self.row_differences::<C, U>(&along, &row.code, &shown, &mut differences);
+            differences = self.row_differences::<C, U>(&along, &row.code, &shown);
         }
         if self.is_lit {
             let mut distance = [0.0; LANES];
@@ -210,13 +205,12 @@ impl<'a> Path<'a> {
         along: &Packet,
         code: &Packet,
         shown: &[Option<Shown>; LANES],
-        differences: &mut [Packet; 3],
-    ) {
+    ) -> [Packet; 3] {
         if self.march.frame.reading.of_gradients() == Reading::Filtered(Filter::Trilinear) {
-            let points = self.points(along);
-            let rounded = self.march.differences::<C, U>(&points, code, differences);
+            let (differences, rounded) = self.march.differences::<C, U>(&self.points(along), code);
             return without_rounding(&rounded, differences);
         }
+        let mut differences = [[0.0; LANES]; 3];
         for i in 0..LANES {
             if shown[i].is_some() {
                 let found = self.differences::<C, U>(along[i], code[i]);
@@ -225,6 +219,7 @@ impl<'a> Path<'a> {
                 }
             }
         }
+        differences
     }
 
     /// Real samples, more of them where a segment's ends differ more.
@@ -246,8 +241,16 @@ impl<'a> Path<'a> {
             }
             let samples = self.sample::<C, U>(along);
             for k in 0..parts.min(LANES) {
-                if samples.weight[k] > 0.0 {
-                    self.add_sampled::<C, U>(media, segments.start + i as i32, along[k], samples.code[k], part);
+                if samples.weight[k] > 0.0
+                    && let Some(shown) = self.at::<C>(samples.code[k])
+                {
+                    let mut differences = Vec3::ZERO;
+                    if self.has_gradients {
+                        differences = self.differences::<C, U>(along[k], samples.code[k]);
+                    }
+                    if let Some(shown) = self.by_gradient(shown, samples.code[k], differences) {
+                        self.add_shown(media, segments.start + i as i32, along[k], shown, differences, part);
+                    }
                 }
             }
         }
@@ -336,18 +339,6 @@ impl<'a> Path<'a> {
         segments.start + count
     }
 
-    #[inline(always)]
-    fn add_sampled<C: Code, U: Unit>(&self, media: &mut Row, segment: i32, along: f32, code: f32, share: f32) {
-        let Some(mut shown) = self.at::<C>(code) else { return };
-        let mut differences = Vec3::ZERO;
-        if self.has_gradients {
-            differences = self.differences::<C, U>(along, code);
-            let Some(by_gradient) = self.by_gradient(shown, code, differences) else { return };
-            shown = by_gradient;
-        }
-        self.add_shown(media, segment, along, shown, differences, share);
-    }
-
     /// Classifies a possibly visible medium by code and gradient.
     #[inline(always)]
     fn by_gradient(&self, shown: Shown, code: f32, differences: Vec3) -> Option<Shown> {
@@ -389,20 +380,18 @@ impl<'a> Path<'a> {
         U::call(
             crossing,
             #[inline(always)]
-            move |crossing| self.surface_on::<C, U>(crossing),
+            move |crossing| {
+                let (frame, Crossing { surface, along, is_cap }) = (self.march.frame, crossing);
+                let look = &frame.settings.surfaces[surface];
+                // A cap is lit by the normal of its cut.
+                let (differences, cut) = match is_cap {
+                    true => (Vec3::ZERO, self.cut),
+                    false => (self.differences::<C, U>(along, frame.thresholds[surface]), None),
+                };
+                self.lit_by((&frame.surface_lighting, cut), along, Vec3::from(look.color), differences)
+                    .extend(look.opacity)
+            },
         )
-    }
-
-    #[inline(always)]
-    fn surface_on<C: Code, U: Unit>(&self, crossing: Crossing) -> Vec4 {
-        let (frame, Crossing { surface, along, is_cap }) = (self.march.frame, crossing);
-        let look = &frame.settings.surfaces[surface];
-        // A cap is lit by the normal of its cut.
-        let (differences, cut) = match is_cap {
-            true => (Vec3::ZERO, self.cut),
-            false => (self.differences::<C, U>(along, frame.thresholds[surface]), None),
-        };
-        self.lit_by((&frame.surface_lighting, cut), along, Vec3::from(look.color), differences).extend(look.opacity)
     }
 
     #[inline(always)]
@@ -554,13 +543,15 @@ impl Shown {
         (depth > 0.0).then(|| Self { color: DVec3::from_array(rgb).as_vec3(), depth })
     }
 }
+
 /// Zeroes differences at places of these codes if they are no more than rounding ([`FLAT_SHARE`]).
 #[inline(always)]
-fn without_rounding(code: &Packet, differences: &mut [Packet; 3]) {
+fn without_rounding(code: &Packet, mut differences: [Packet; 3]) -> [Packet; 3] {
     for i in 0..LANES {
         let [x, y, z] = [differences[0][i], differences[1][i], differences[2][i]];
         let least = FLAT_SHARE as f32 * code[i];
         let kept = if x * x + y * y + z * z < least * least { 0.0 } else { 1.0 };
         differences.iter_mut().for_each(|axis| axis[i] *= kept);
     }
+    differences
 }

@@ -58,47 +58,30 @@ impl Across {
 impl Brick<'_> {
     /// Computes the differences of the Sobel operator, otherwise like [`Brick::central_differences`].
     #[inline(always)]
-    pub(crate) fn sobel_differences<C: Code, U: Unit>(
-        &self,
-        points: &[Packet; 3],
-        middle: &Packet,
-        differences: &mut [Packet; 3],
-    ) {
+    pub(crate) fn sobel_differences<C: Code, U: Unit>(&self, points: &[Packet; 3], middle: &Packet) -> [Packet; 3] {
         U::call(
             (points, middle),
             #[inline(always)]
-            move |(points, middle)| self.sobel_differences_on::<C, U>(points, middle, differences),
-        );
+            move |(points, middle)| {
+                let (voxel, t) = self.voxels_around(points);
+                // SAFETY: such are the returned voxels.
+                let (differences, odd) = unsafe { self.shared_sobel::<C>(&voxel, &t) };
+                if C::INVALID && odd > 0.0 {
+                    return self.sampled_differences::<C, U, _>(&SOBEL, (points, middle));
+                }
+                differences
+            },
+        )
     }
 
-    #[inline(always)]
-    fn sobel_differences_on<C: Code, U: Unit>(
-        &self,
-        points: &[Packet; 3],
-        middle: &Packet,
-        differences: &mut [Packet; 3],
-    ) {
-        let (voxel, t) = self.voxels_around(points);
-        // SAFETY: such are the returned voxels.
-        let odd = unsafe { self.shared_sobel::<C>(&voxel, &t, differences) };
-        if C::INVALID && odd > 0.0 {
-            *differences = self.sampled_differences::<C, U, _>(&SOBEL, (points, middle));
-        }
-    }
-
-    /// [`Brick::sobel_differences`] at the given voxels and fractions towards their upper neighbours. Returns
+    /// [`Brick::sobel_differences`] at the given voxels and fractions towards their upper neighbours. Also returns
     /// the number of voxels read that are no codes, if voxels may have no value; unless it is 0, the differences are
     /// useless.
     ///
     /// # Safety
     /// Every index is that of a voxel with a lower neighbour and two upper ones along each axis.
     #[inline(always)]
-    unsafe fn shared_sobel<C: Code>(
-        &self,
-        voxel: &[i32; LANES],
-        t: &[Packet; 3],
-        differences: &mut [Packet; 3],
-    ) -> f32 {
+    unsafe fn shared_sobel<C: Code>(&self, voxel: &[i32; LANES], t: &[Packet; 3]) -> ([Packet; 3], f32) {
         let (row, slice) = (self.padded() as isize, (self.padded() * self.padded()) as isize);
         let [x, y, z] = [0, 1, 2].map(|a| Across::new(&t[a]));
         // Of each slice: the difference along x, that along y, and the smoothed sum.
@@ -121,9 +104,9 @@ impl Brick<'_> {
             along_y[k] = y.difference(line.each_ref());
             smooth[k] = y.smoothed(line.each_ref());
         }
-        *differences =
+        let mut differences =
             [z.smoothed(along_x.each_ref()), z.smoothed(along_y.each_ref()), z.difference(smooth.each_ref())];
-        self.scale_to_codes::<C>(differences);
-        odd.iter().sum()
+        self.scale_to_codes::<C>(&mut differences);
+        (differences, odd.iter().sum())
     }
 }
