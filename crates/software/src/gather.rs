@@ -184,8 +184,8 @@ impl Look for Plain {
     }
 }
 
-/// Adds a layer's medium at the samples of some packets of a sampled chunk, to the segments from `first` on. The samples'
-/// weights times `share` are unit distances.
+/// Adds a layer's medium at the samples of some packets of a sampled chunk, to the segments from `first` on. Weights of
+/// samples times `share` are unit distances.
 #[inline(always)]
 pub(crate) fn add_fog<U: Unit>(frame: &Frame<'_>, share: f32, packets: u32, first: usize, media: &mut Media) {
     let Media { chunk, mixed, is_any, .. } = media;

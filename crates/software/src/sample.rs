@@ -9,10 +9,11 @@
 //! along x are weighted as whole numbers of 15 bits, one instruction for the eight pairs of a packet: exact to 1/256 of
 //! a code.
 //!
-//! Everything here is `#[inline(always)]` and free of closures, to be compiled for the vector unit of its final
-//! function: one for a chunk and one for a packet, for each width of codes, shared by all modes.
+//! Everything here is `#[inline(always)]` and free of closures but those of [`Unit::call`], to be compiled for the
+//! vector unit of its final function: one for a chunk and one for a packet, for each width of codes, shared by all
+//! modes.
 
-use crate::packet::{LANES, PACKETS, Packet, points};
+use crate::packet::{LANES, PACKETS, Packet};
 use crate::row::Row;
 use crate::steps::Places;
 use crate::unit::Unit;
@@ -250,8 +251,16 @@ impl Grid {
     #[inline(always)]
     pub(crate) fn locate(&self, origin: [f32; 3], step: [f32; 3], chunk: &mut SampleChunk) {
         for p in 0..chunk.packets.min(PACKETS) {
-            let points = points(origin, step, &chunk.along[p]);
-            (chunk.voxel[p], chunk.fraction[p]) = self.voxels::<0>(&points);
+            // Straight into the chunk: arrays returned by `voxels` would take a detour.
+            let mut voxel = [0i32; LANES];
+            for a in [2, 1, 0] {
+                for i in 0..LANES {
+                    let (whole, fraction) = self.split::<0>(origin[a] + chunk.along[p][i] * step[a]);
+                    chunk.fraction[p][a][i] = fraction;
+                    voxel[i] = voxel[i] * self.padded as i32 + whole;
+                }
+            }
+            chunk.voxel[p] = voxel;
         }
     }
 

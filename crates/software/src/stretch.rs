@@ -206,8 +206,8 @@ impl Stretch {
         (self.length * frame.per_unit) as f32
     }
 
-    /// Places the samples of these segments in a chunk, or of as many of them as it holds. They count as whole steps only
-    /// without `has_invalid`.
+    /// Places the samples of these segments in a chunk, or of as many of them as it holds. They never count as whole
+    /// steps if voxels may have no value.
     #[inline(always)]
     pub(crate) fn place_samples(
         &self,
