@@ -5,7 +5,8 @@
 //! along x together. As in `sample`, everything is inlined and free of closures.
 
 use crate::packet::{LANES, PACKETS, Packet};
-use crate::sample::{Brick, Code, SampleChunk, Unit};
+use crate::sample::{Brick, Code, SampleChunk};
+use crate::unit::Unit;
 use brickyard_volume::Extreme;
 
 const fn sign(extreme: Extreme) -> f32 {
@@ -36,49 +37,16 @@ struct Touched {
 impl Brick<'_> {
     /// Fills in the extreme code of each of a chunk's segments, with weight 0 if no touched voxel has a value.
     #[inline(always)]
-    pub(crate) fn read_boxes<C: Code, U: Unit, const INVALID: bool>(
-        &self,
-        extreme: Extreme,
-        segments: &Segments,
-        chunk: &mut SampleChunk,
-    ) {
-        #[cfg(target_arch = "x86_64")]
-        if U::AVX2 {
-            // SAFETY: the machine has AVX2.
-            return unsafe { self.read_boxes_avx2::<C, INVALID>(extreme, segments, chunk) };
-        }
-        self.read_boxes_portable::<C, INVALID>(extreme, segments, chunk);
-    }
-
-    #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx2")]
-    #[inline(never)]
-    fn read_boxes_avx2<C: Code, const INVALID: bool>(
-        &self,
-        extreme: Extreme,
-        segments: &Segments,
-        chunk: &mut SampleChunk,
-    ) {
-        self.read_boxes_on::<C, INVALID>(extreme, segments, chunk);
-    }
-
-    #[inline(never)]
-    fn read_boxes_portable<C: Code, const INVALID: bool>(
-        &self,
-        extreme: Extreme,
-        segments: &Segments,
-        chunk: &mut SampleChunk,
-    ) {
-        self.read_boxes_on::<C, INVALID>(extreme, segments, chunk);
+    pub(crate) fn read_boxes<C: Code, U: Unit>(&self, extreme: Extreme, segments: &Segments, chunk: &mut SampleChunk) {
+        U::call(
+            (segments, chunk),
+            #[inline(always)]
+            move |(segments, chunk)| self.read_boxes_on::<C>(extreme, segments, chunk),
+        );
     }
 
     #[inline(always)]
-    fn read_boxes_on<C: Code, const INVALID: bool>(
-        &self,
-        extreme: Extreme,
-        segments: &Segments,
-        chunk: &mut SampleChunk,
-    ) {
+    fn read_boxes_on<C: Code>(&self, extreme: Extreme, segments: &Segments, chunk: &mut SampleChunk) {
         let sign = sign(extreme);
         for p in 0..chunk.packets.min(PACKETS) {
             let touched = self.touched(segments, &chunk.along[p], &chunk.weight[p]);
@@ -91,15 +59,15 @@ impl Brick<'_> {
             // SAFETY: the voxels have been found in this brick.
             let best = unsafe {
                 if most <= 1 {
-                    self.best_of_corners::<C, INVALID>(&touched, sign)
+                    self.best_of_corners::<C>(&touched, sign)
                 } else {
-                    self.best_of_all::<C, INVALID>(&touched, sign)
+                    self.best_of_all::<C>(&touched, sign)
                 }
             };
             for i in 0..LANES {
                 let number = sign * best[i];
-                chunk.code[p][i] = if C::IS_FLOAT { self.map().code(number) } else { number };
-                if INVALID && best[i] == f32::NEG_INFINITY {
+                chunk.code[p][i] = if C::IS_FLOAT { self.map.code(number) } else { number };
+                if C::INVALID && best[i] == f32::NEG_INFINITY {
                     chunk.weight[p][i] = 0.0;
                 }
             }
@@ -146,7 +114,7 @@ impl Brick<'_> {
     /// # Safety
     /// The voxels are in the brick.
     #[inline(always)]
-    unsafe fn best_of_corners<C: Code, const INVALID: bool>(&self, touched: &Touched, sign: f32) -> Packet {
+    unsafe fn best_of_corners<C: Code>(&self, touched: &Touched, sign: f32) -> Packet {
         let padded = self.padded() as i32;
         let mut best = [f32::NEG_INFINITY; LANES];
         for line in 0..4 {
@@ -155,11 +123,11 @@ impl Brick<'_> {
             for i in 0..LANES {
                 let voxel = touched.first[i] + (y * touched.more[1][i] + z * touched.more[2][i] * padded) * padded;
                 // SAFETY: by the caller's promise the voxel is in the brick, and so is the one above it along x.
-                pair[i] = unsafe { C::pair(self.codes().as_ptr().add(voxel as usize * C::BYTES)) };
+                pair[i] = unsafe { C::pair(self.codes.as_ptr().add(voxel as usize * C::BYTES)) };
             }
             for i in 0..LANES {
-                let near = self.signed::<C, INVALID>(C::near(pair[i]), sign);
-                let far = self.signed::<C, INVALID>(C::far(pair[i]), sign);
+                let near = self.signed::<C>(C::near(pair[i]), sign);
+                let far = self.signed::<C>(C::far(pair[i]), sign);
                 let near = if touched.skipped[i] == 0 { near } else { f32::NEG_INFINITY };
                 let far = if touched.skipped[i] + touched.more[0][i] > 0 { far } else { f32::NEG_INFINITY };
                 let better = if near > far { near } else { far };
@@ -174,7 +142,7 @@ impl Brick<'_> {
     /// # Safety
     /// The voxels are in the brick.
     #[inline(always)]
-    unsafe fn best_of_all<C: Code, const INVALID: bool>(&self, touched: &Touched, sign: f32) -> Packet {
+    unsafe fn best_of_all<C: Code>(&self, touched: &Touched, sign: f32) -> Packet {
         let padded = self.padded();
         let mut best = [f32::NEG_INFINITY; LANES];
         for i in 0..LANES {
@@ -184,14 +152,14 @@ impl Brick<'_> {
                         let voxel = (touched.first[i] + touched.skipped[i]) as usize + x + (y + z * padded) * padded;
                         // SAFETY: by the caller's promise the voxel is in the brick; no alignment is needed.
                         let stored = unsafe {
-                            let at = self.codes().as_ptr().add(voxel * C::BYTES);
+                            let at = self.codes.as_ptr().add(voxel * C::BYTES);
                             match C::BYTES {
                                 1 => f32::from(*at),
                                 2 => f32::from(u16::from_le(at.cast::<u16>().read_unaligned())),
                                 _ => f32::from_bits(u32::from_le(at.cast::<u32>().read_unaligned())),
                             }
                         };
-                        let number = self.signed::<C, INVALID>(stored, sign);
+                        let number = self.signed::<C>(stored, sign);
                         best[i] = if number > best[i] { number } else { best[i] };
                     }
                 }
@@ -202,9 +170,9 @@ impl Brick<'_> {
 
     /// A voxel's number, times `sign`; less than all numbers if the voxel has no value.
     #[inline(always)]
-    fn signed<C: Code, const INVALID: bool>(&self, stored: f32, sign: f32) -> f32 {
-        let (number, has_value) = C::part::<INVALID>(stored, self.map());
-        if INVALID && !has_value { f32::NEG_INFINITY } else { sign * number }
+    fn signed<C: Code>(&self, stored: f32, sign: f32) -> f32 {
+        let (number, has_value) = C::part(stored, &self.map);
+        if C::INVALID && !has_value { f32::NEG_INFINITY } else { sign * number }
     }
 }
 
@@ -220,7 +188,8 @@ fn clamped(v: f32, last: f32) -> i32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sample::{Code8, Code16, CodeMap, Float32, Portable};
+    use crate::sample::{Code8, Code16, CodeMap, Float32};
+    use crate::unit::Portable;
     use brickyard_volume::extremes::half_box;
     use brickyard_volume::slot_encoding::INVALID_SLOT;
     use proptest::prelude::*;
@@ -229,7 +198,7 @@ mod tests {
     const PADDED: usize = 7;
 
     /// The codes found by boxes of segments at these places, each a share of a step; `None` without weight.
-    fn read<C: Code, const INVALID: bool>(
+    fn read<C: Code>(
         bytes: &[u8],
         extreme: Extreme,
         (origin, step, reach): ([f32; 3], [f32; 3], [f32; 3]),
@@ -241,7 +210,7 @@ mod tests {
         let mut chunk = SampleChunk::EMPTY;
         (chunk.packets, chunk.along, chunk.weight) = (PACKETS, along, weight);
         let segments = Segments { origin, step, whole: 3.0, reach };
-        brick.read_boxes::<C, Portable, INVALID>(extreme, &segments, &mut chunk);
+        brick.read_boxes::<C, Portable>(extreme, &segments, &mut chunk);
         let found = chunk.code.as_flattened().iter().zip(chunk.weight.as_flattened());
         found.map(|(&code, &weight)| (weight > 0.0).then_some(code)).collect()
     }
@@ -260,10 +229,10 @@ mod tests {
             let number = |v: u8| if v == 0 { INVALID_SLOT } else { f32::from(v) - 100.0 };
             let wide = |of: &dyn Fn(u8) -> Vec<u8>| voxels.iter().flat_map(|&v| of(v)).collect::<Vec<u8>>();
             let found = match kind {
-                0 => read::<Code8, false>(&voxels, extreme, at, share),
-                1 => read::<Code8, true>(&voxels, extreme, at, share),
-                2 => read::<Code16, true>(&wide(&|v| (u16::from(v) * 257).to_le_bytes().into()), extreme, at, share),
-                _ => read::<Float32, true>(&wide(&|v| number(v).to_le_bytes().into()), extreme, at, share),
+                0 => read::<Code8<false>>(&voxels, extreme, at, share),
+                1 => read::<Code8<true>>(&voxels, extreme, at, share),
+                2 => read::<Code16<true>>(&wide(&|v| (u16::from(v) * 257).to_le_bytes().into()), extreme, at, share),
+                _ => read::<Float32>(&wide(&|v| number(v).to_le_bytes().into()), extreme, at, share),
             };
             let value = |v: u8| [f64::from(v), f64::from(v) * 257.0, f64::from(v) - 100.0][[0, 0, 1, 2][kind]];
             for (i, found) in found.into_iter().enumerate() {

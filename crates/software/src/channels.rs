@@ -5,7 +5,7 @@
 //! first-level cache; finally light passes through the media of all layers.
 
 use crate::frame::{Cell, Frame};
-use crate::gather::{self, add_fog};
+use crate::gather::add_fog;
 use crate::macrocells::{Coverage, Reach};
 use crate::march::look;
 use crate::media::Media;
@@ -13,12 +13,11 @@ use crate::modes::Dvr;
 use crate::packet::{CHUNK, LANES, PACKETS};
 use crate::ray::{FAINTEST, Ray};
 use crate::reading::Reading;
-#[cfg(target_arch = "x86_64")]
-use crate::sample::Avx2;
-use crate::sample::{Brick, Code, Code8, Code16, Float32, Grid, Portable, SampleChunk, Unit};
+use crate::sample::{Code, Grid};
 use crate::stretch::Stretch;
 use crate::tiles::PIXELS;
-use brickyard_volume::{Filter, SlotFormat};
+use crate::unit::{Choice, Unit, call};
+use brickyard_volume::Filter;
 use glam::Vec4;
 use std::ops::Range;
 
@@ -32,14 +31,10 @@ pub(crate) const BYTES_PER_LAYER_AND_THREAD: usize = SIDE_BY_SIDE * size_of::<u6
 /// Drawing of several layers of plain fog with a common cut.
 pub(crate) struct Channels {
     takes: Vec<Take>,
-    march: March,
 }
 
 /// Adds a layer's samples of some packets of a chunk.
-type Take = fn(&Part<'_, '_>, u32, &mut SampleChunk, &mut Media);
-
-/// Takes rays to the ends of their runs through a cell.
-type March = fn(&[Part<'_, '_>], &mut [Walk], &mut [Ray; PIXELS]);
+type Take = fn(&Part<'_, '_>, u32, &mut Media);
 
 /// A layer's part of a cell of the shared cut.
 #[derive(Clone, Copy)]
@@ -71,7 +66,6 @@ struct Walk {
     /// Whether there are such segments, and each packet's blocks.
     is_on: bool,
     blocks: [u64; PACKETS],
-    chunk: SampleChunk,
     media: Media,
 }
 
@@ -80,9 +74,9 @@ impl Channels {
     /// is more than fog sampled trilinearly in the middle of each segment and classified by its value alone.
     pub(crate) fn new(frames: &[Frame<'_>]) -> Option<Self> {
         let is_fog =
-            |frame: &Frame<'_>| gather::is_plain(frame) && frame.reading == Reading::Filtered(Filter::Trilinear);
-        (frames.len() > 1 && frames.iter().all(is_fog))
-            .then(|| Self { takes: frames.iter().map(take_of).collect(), march: march_of() })
+            |frame: &Frame<'_>| frame.is_unlit_plain_fog() && frame.reading == Reading::Filtered(Filter::Trilinear);
+        let take = |frame: &Frame<'_>| Taking.for_machine(&frame.settings.encoding);
+        (frames.len() > 1 && frames.iter().all(is_fog)).then(|| Self { takes: frames.iter().map(take).collect() })
     }
 
     /// The layers' parts of a cell. `None` if the layers' bricks lie differently under the cell, unlike bricks of one
@@ -110,7 +104,11 @@ impl Channels {
     /// have ended.
     pub(crate) fn march(&self, parts: &[Part<'_, '_>], walks: &mut Walks, rays: &mut [Ray; PIXELS]) -> usize {
         let walks = &mut walks.walks[..std::mem::take(&mut walks.count)];
-        (self.march)(parts, walks, rays);
+        call(
+            &mut *rays,
+            #[inline(always)]
+            |rays| march(parts, walks, rays),
+        );
         let mut ended = 0;
         for walk in walks {
             let ray = &mut rays[walk.place];
@@ -136,7 +134,6 @@ impl Walks {
             pending: 0..0,
             is_on: false,
             blocks: [0; PACKETS],
-            chunk: SampleChunk::EMPTY,
             media: Media::new(0, false, false),
         };
         Self { walks: (0..if channels.is_some() { SIDE_BY_SIDE } else { 0 }).map(walk).collect(), count: 0 }
@@ -200,9 +197,9 @@ impl Walk {
         let Range { start, end } = self.pending;
         let end = end.min(start + CHUNK as i32);
         self.pending.start = end;
-        self.stretch.place_samples::<true>(parts[0].frame, ray, &mut self.chunk, start..end);
-        grid.locate(self.stretch.origin, self.stretch.step, &mut self.chunk);
-        for (p, blocks) in (0..).zip(&mut self.blocks).take(self.chunk.packets) {
+        self.stretch.place_samples(parts[0].frame, ray, &mut self.media.chunk, start..end, true);
+        grid.locate(self.stretch.origin, self.stretch.step, &mut self.media.chunk);
+        for (p, blocks) in (0..).zip(&mut self.blocks).take(self.media.chunk.packets) {
             let first = start + p * LANES as i32;
             let last = (first + LANES as i32).min(end) - 1;
             let (from, to) = (first / self.stretch.block, last / self.stretch.block);
@@ -214,26 +211,11 @@ impl Walk {
     #[inline(always)]
     fn packets(&self, layer: usize) -> u32 {
         let mut packets = 0;
-        for p in 0..self.chunk.packets.min(PACKETS) {
+        for p in 0..self.media.chunk.packets.min(PACKETS) {
             packets |= ((self.shown[layer] & self.blocks[p] != 0) as u32) << p;
         }
         packets
     }
-}
-
-fn march_of() -> March {
-    #[cfg(target_arch = "x86_64")]
-    if std::arch::is_x86_feature_detected!("avx2") {
-        // SAFETY: the machine has AVX2.
-        return |parts, walks, rays| unsafe { march_avx2(parts, walks, rays) };
-    }
-    march
-}
-
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2")]
-fn march_avx2(parts: &[Part<'_, '_>], walks: &mut [Walk], rays: &mut [Ray; PIXELS]) {
-    march(parts, walks, rays);
 }
 
 #[inline(always)]
@@ -254,62 +236,41 @@ fn march(parts: &[Part<'_, '_>], walks: &mut [Walk], rays: &mut [Ray; PIXELS]) {
             for walk in walks.iter_mut().filter(|walk| walk.is_on) {
                 let packets = walk.packets(layer);
                 if packets != 0 {
-                    (part.take)(part, packets, &mut walk.chunk, &mut walk.media);
+                    (part.take)(part, packets, &mut walk.media);
                 }
             }
         }
         for walk in walks.iter_mut().filter(|walk| walk.is_on) {
             let ray = &mut rays[walk.place];
-            ray.sum = walk.media.see(walk.chunk.packets * LANES, ray.sum);
+            ray.sum = walk.media.see(walk.media.chunk.packets * LANES, ray.sum);
         }
     }
 }
 
-fn take_of(frame: &Frame<'_>) -> Take {
-    let encoding = &frame.settings.encoding;
-    match (encoding.format, encoding.has_invalid) {
-        (SlotFormat::U8, false) => for_machine::<Code8, false>(),
-        (SlotFormat::U8, true) => for_machine::<Code8, true>(),
-        (SlotFormat::U16, false) => for_machine::<Code16, false>(),
-        (SlotFormat::U16, true) => for_machine::<Code16, true>(),
-        // One function for both: testing a voxel for a value costs little beside the fetch.
-        (SlotFormat::F32, _) => for_machine::<Float32, true>(),
+/// The function for taking a layer's samples.
+struct Taking;
+
+impl Choice for Taking {
+    type Chosen = Take;
+
+    fn of<C: Code, U: Unit>(self) -> Take {
+        take::<C, U>
     }
 }
 
-fn for_machine<C: Code, const INVALID: bool>() -> Take {
-    #[cfg(target_arch = "x86_64")]
-    if std::arch::is_x86_feature_detected!("avx2") {
-        // SAFETY: the machine has AVX2.
-        return |part, packets, chunk, media| unsafe { take_avx2::<C, INVALID>(part, packets, chunk, media) };
-    }
-    take::<C, Portable, INVALID>
-}
-
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2")]
-fn take_avx2<C: Code, const INVALID: bool>(
-    part: &Part<'_, '_>,
-    packets: u32,
-    chunk: &mut SampleChunk,
-    media: &mut Media,
-) {
-    take::<C, Avx2, INVALID>(part, packets, chunk, media);
-}
-
-#[inline(always)]
-fn take<C: Code, U: Unit, const INVALID: bool>(
-    Part { frame, cell, share, .. }: &Part<'_, '_>,
-    packets: u32,
-    chunk: &mut SampleChunk,
-    media: &mut Media,
-) {
-    let brick = Brick::new::<C>(cell.brick.voxels(), frame.edge + 2 * frame.apron, frame.map);
-    let weight = chunk.weight;
-    // SAFETY: the samples have been located in a brick of the same size.
-    unsafe { brick.sample_located::<C, U, INVALID>(packets, chunk) };
-    add_fog::<U>(frame, *share, packets, chunk, &mut media.mixed, &mut media.is_any);
-    if INVALID {
-        chunk.weight = weight;
-    }
+fn take<C: Code, U: Unit>(part: &Part<'_, '_>, packets: u32, media: &mut Media) {
+    U::call(
+        (part, media),
+        #[inline(always)]
+        move |(part, media)| {
+            let Part { frame, cell, share, .. } = *part;
+            let weight = media.chunk.weight;
+            // SAFETY: the samples have been located in a brick of the same size.
+            unsafe { frame.brick::<C>(cell).sample_located::<C, U>(packets, &mut media.chunk) };
+            add_fog::<U>(frame, share, packets, 0, media);
+            if C::INVALID {
+                media.chunk.weight = weight;
+            }
+        },
+    );
 }

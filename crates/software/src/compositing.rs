@@ -11,22 +11,21 @@
 
 use crate::channels::{self, Channels, Walks};
 use crate::frame::{Cell, Frame};
-use crate::gather::{Gather, Way, gather_of};
+use crate::gather::{Gather, Gathering, Way};
 use crate::macrocells::{Coverage, Reach};
 use crate::march::Seen;
-use crate::media::{Media, See};
+use crate::media::Media;
 use crate::meshes::MeshLayers;
 use crate::packet::CHUNK;
 use crate::ray::{FAINTEST, Past, Ray};
-use crate::sample::SampleChunk;
 use crate::tiles::{PIXELS, Tile, place, places};
+use crate::unit::{Choice, call};
 use brickyard_volume::{Combination, CutFace};
 use glam::{DVec3, Vec4};
 
 /// Drawing of a frame's layers together, ray by ray or cell by cell.
 pub(crate) struct JointMarch<'a> {
     gathers: Vec<Gather>,
-    see: See,
     has_surfaces: bool,
     combination: Option<&'a Combination>,
     /// The cells of all layers, front to back, if they are of one cut.
@@ -84,7 +83,6 @@ struct Work {
     runs: Vec<Run>,
     ways: Vec<Way>,
     entries: Vec<Entry>,
-    chunk: SampleChunk,
     media: Media,
     walks: Walks,
     /// Each layer's surface state of rays that go cell by cell.
@@ -94,7 +92,8 @@ struct Work {
 impl<'a> JointMarch<'a> {
     pub(crate) fn new(frames: &[Frame<'_>], combination: Option<&'a Combination>, is_one_cut: bool) -> Self {
         let has_surfaces = frames.iter().any(|frame| !frame.settings.surfaces.is_empty());
-        let gather = |frame| gather_of(frame, has_surfaces, combination.is_some());
+        let is_read = combination.is_some();
+        let gather = |frame| Gathering { frame, has_surfaces, is_read }.for_machine(&frame.settings.encoding);
         let cells = is_one_cut.then(|| {
             let mut cells = Vec::new();
             for (layer, frame) in (0..).zip(frames) {
@@ -104,14 +103,7 @@ impl<'a> JointMarch<'a> {
             cells
         });
         let channels = (is_one_cut && combination.is_none() && !has_surfaces).then(|| Channels::new(frames)).flatten();
-        Self {
-            gathers: frames.iter().map(gather).collect(),
-            see: See::for_machine(),
-            has_surfaces,
-            combination,
-            cells,
-            channels,
-        }
+        Self { gathers: frames.iter().map(gather).collect(), has_surfaces, combination, cells, channels }
     }
 
     fn work(&self, frames: &[Frame<'_>]) -> Work {
@@ -121,7 +113,6 @@ impl<'a> JointMarch<'a> {
             runs: Vec::new(),
             ways: Vec::new(),
             entries: Vec::new(),
-            chunk: SampleChunk::EMPTY,
             media: Media::new(read, frames[0].is_lit, self.has_surfaces),
             walks: Walks::new(self.channels.as_ref()),
             pasts: Vec::new(),
@@ -148,7 +139,7 @@ impl<'a> JointMarch<'a> {
         }
         let over = |frame: &Frame<'_>| -> Vec<u32> {
             let cells = frame.cells.iter().zip(0..);
-            cells.filter(|(cell, _)| meets(cell, tile)).map(|(_, i)| i).collect()
+            cells.filter(|(cell, _)| cell.rect.meets(tile)).map(|(_, i)| i).collect()
         };
         let cells: Vec<Vec<u32>> = frames.iter().map(over).collect();
         for (i, pixel) in pixels(tile) {
@@ -165,11 +156,6 @@ impl<'a> JointMarch<'a> {
 fn pixels(tile: &Tile) -> impl Iterator<Item = (usize, [u32; 2])> {
     let Tile { x0, x1, y0, y1 } = *tile;
     places(tile).zip((y0..y1).flat_map(move |y| (x0..x1).map(move |x| [x, y])))
-}
-
-fn meets(cell: &Cell<'_>, tile: &Tile) -> bool {
-    let rect = &cell.rect;
-    rect.x0 < tile.x1 && tile.x0 < rect.x1 && rect.y0 < tile.y1 && tile.y0 < rect.y1
 }
 
 impl Work {
@@ -319,7 +305,11 @@ impl Work {
                     None => color,
                 });
             }
-            light = (together.see.0)(&mut self.media, count, light);
+            light = call(
+                light,
+                #[inline(always)]
+                |light| self.media.see(count, light),
+            );
             for Entry { layer, cell, segment } in self.entries.drain(..) {
                 let (frame, visibility) = (&frames[layer], self.media.light[segment]);
                 let cell = &frame.cells[cell as usize];
@@ -356,7 +346,7 @@ impl Work {
                     }
                     if shows {
                         let run = from..run.end.min(ticks.end);
-                        (together.gathers[way.layer])(frame, cell, way, run, at, &mut self.chunk, &mut self.media);
+                        (together.gathers[way.layer])(frame, cell, way, run, at, &mut self.media);
                     }
                 }
                 let after = if run.first >= ticks.end { Some(run.first) } else { way.next().filter(|_| shows) };
@@ -381,14 +371,9 @@ fn shade<'a>(
     zone: usize,
 ) -> impl Fn(usize, DVec3, Option<DVec3>) -> DVec3 + use<'a> {
     let (settings, ticks) = (frame.settings, &frame.ticks);
-    let direction = DVec3::from_array(ray.direction) * settings.geometry.spacing;
-    let direction = settings.placement.world_vector(direction);
-    let eye = settings.geometry.world_from_voxel(DVec3::from_array(ray.origin));
-    let eye = settings.placement.world_from_volume(eye);
+    let (eye, direction) = frame.world_ray(ray);
     let length = ticks.step * (1u64 << zone) as f64;
-    let voxels = DVec3::from_array(ray.direction);
-    let cut = settings.cut_face(frame.extent, (DVec3::from_array(ray.origin), voxels), ray.eye);
-    let cut = cut.map(|cut| (cut, cut.voxels_per_distance(voxels, DVec3::ONE)));
+    let cut = frame.cut(ray, [1.0; 3]);
     move |segment, color, normal| {
         let start = tick as f64 * ticks.step + segment as f64 * length;
         let middle = 0.5 * (start.max(enter) + (start + length).min(leave));

@@ -17,17 +17,13 @@ struct Sums {
 impl Brick<'_> {
     /// Returns the codes at eight slot coordinates through the spline. The weights of those without a value become 0.
     #[inline(never)]
-    pub(crate) fn cubic_points<C: Code, const INVALID: bool>(
-        &self,
-        points: &[Packet; 3],
-        weight: &mut Packet,
-    ) -> Packet {
+    pub(crate) fn cubic_points<C: Code>(&self, points: &[Packet; 3], weight: &mut Packet) -> Packet {
         let mut code = [0.0; LANES];
         for i in 0..LANES {
-            let Sums { middle, sum, valid } = self.cubic::<C, INVALID>([points[0][i], points[1][i], points[2][i]]);
-            code[i] = middle + if INVALID { sum / valid.max(f32::MIN_POSITIVE) } else { sum };
-            code[i] = if C::IS_FLOAT { self.map().code(code[i]) } else { code[i] };
-            if INVALID && valid < 0.5 {
+            let Sums { middle, sum, valid } = self.cubic::<C>([points[0][i], points[1][i], points[2][i]]);
+            code[i] = middle + if C::INVALID { sum / valid.max(f32::MIN_POSITIVE) } else { sum };
+            code[i] = if C::IS_FLOAT { self.map.code(code[i]) } else { code[i] };
+            if C::INVALID && valid < 0.5 {
                 weight[i] = 0.0;
             }
         }
@@ -35,7 +31,7 @@ impl Brick<'_> {
     }
 
     #[inline(always)]
-    fn cubic<C: Code, const INVALID: bool>(&self, point: [f32; 3]) -> Sums {
+    fn cubic<C: Code>(&self, point: [f32; 3]) -> Sums {
         let n = self.padded();
         let split = |v: f32| {
             // Keeps one voxel to the left and two to the right inside the brick.
@@ -44,16 +40,16 @@ impl Brick<'_> {
         };
         let [(x, tx), (y, ty), (z, tz)] = point.map(split);
         let (wx, wy, wz) = (weights(tx), weights(ty).to_array(), weights(tz).to_array());
-        let (middle, _) = self.row::<C, INVALID>((z * n + y) * n + x - 1);
+        let (middle, _) = self.row::<C>((z * n + y) * n + x - 1);
         let middle = Vec4::splat(middle.y);
         let (mut sum, mut valid) = (Vec4::ZERO, Vec4::ZERO);
         for k in 0..4 {
             for j in 0..4 {
                 let row = ((z + k - 1) * n + y + j - 1) * n + x - 1;
-                let (codes, has_value) = self.row::<C, INVALID>(row);
+                let (codes, has_value) = self.row::<C>(row);
                 let weight = Vec4::splat(wy[j] * wz[k]);
                 let more = (codes - middle) * weight;
-                if INVALID {
+                if C::INVALID {
                     sum += Vec4::select(has_value, more, Vec4::ZERO);
                     valid += Vec4::select(has_value, weight, Vec4::ZERO);
                 } else {
@@ -66,12 +62,12 @@ impl Brick<'_> {
 
     /// Four neighbouring codes, or differences to become codes, and which of the voxels have a value.
     #[inline(always)]
-    fn row<C: Code, const INVALID: bool>(&self, first: usize) -> (Vec4, BVec4A) {
-        let codes = &self.codes()[first * C::BYTES..][..4 * C::BYTES];
+    fn row<C: Code>(&self, first: usize) -> (Vec4, BVec4A) {
+        let codes = &self.codes[first * C::BYTES..][..4 * C::BYTES];
         // SAFETY: there are four codes.
         let [low, high] = unsafe { [C::pair(codes.as_ptr()), C::pair(codes.as_ptr().add(2 * C::BYTES))] };
         let [a, b, c, d] =
-            [C::near(low), C::far(low), C::near(high), C::far(high)].map(|code| C::part::<INVALID>(code, self.map()));
+            [C::near(low), C::far(low), C::near(high), C::far(high)].map(|code| C::part(code, &self.map));
         (Vec4::new(a.0, b.0, c.0, d.0), BVec4A::new(a.1, b.1, c.1, d.1))
     }
 }

@@ -8,8 +8,8 @@
 
 use crate::mixture::{Mixed, OPAQUE};
 use crate::packet::{LANES, Packet};
-use crate::sample::Unit;
 use crate::steps::Places;
+use crate::unit::Unit;
 use brickyard_volume::{Blend, SlotFormat, TransferTable};
 use glam::Vec4;
 
@@ -162,7 +162,7 @@ fn unit(blend: Blend, entry: Vec4) -> Vec4 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sample::Portable;
+    use crate::unit::Portable;
     use brickyard_volume::{SlotEncoding, TransferFunction, VoxelType};
 
     /// At codes between and at the entries, looked-up values equal computed ones or are marked as bent; few are.

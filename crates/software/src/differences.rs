@@ -8,63 +8,70 @@
 
 use crate::gradients::Gradients;
 use crate::packet::{LANES, Packet};
-#[cfg(target_arch = "x86_64")]
-use crate::sample::Avx2;
-use crate::sample::{Brick, Code, Portable, Unit, mix, mix_packets};
+use crate::sample::{Brick, Code, mix, mix_packets};
 use crate::stretch::March;
+use crate::unit::Unit;
 use brickyard_volume::Gradient;
+use brickyard_volume::lighting::SMOOTH;
 
-/// Voxels along the edge of the smallest brick with two voxels on each side of a place.
-const LEAST_PADDED: usize = 4;
+/// A sample taken by an operator: its place, in voxels from the operator's, and the share of its code in the difference
+/// along each axis.
+#[derive(Clone, Copy)]
+pub(crate) struct Tap {
+    pub(crate) offset: [f32; 3],
+    pub(crate) share: [f32; 3],
+}
+
+/// The taps of central differences.
+pub(crate) const CENTRAL: [Tap; 6] = taps([0.0, 1.0, 0.0]);
+
+/// The taps of the Sobel operator.
+pub(crate) const SOBEL: [Tap; 26] = taps(SMOOTH);
+
+/// The places about a centre with a share in differences that are smoothed like this across their axis.
+const fn taps<const N: usize>(smooth: [f64; 3]) -> [Tap; N] {
+    let mut taps = [Tap { offset: [0.0; 3], share: [0.0; 3] }; N];
+    let (mut place, mut found) = (0, 0);
+    while place < 27 {
+        let at = [place % 3, place / 3 % 3, place / 9];
+        let (mut tap, mut a) = (Tap { offset: [0.0; 3], share: [0.0; 3] }, 0);
+        while a < 3 {
+            tap.offset[a] = at[a] as f32 - 1.0;
+            tap.share[a] = tap.offset[a] * (smooth[at[(a + 1) % 3]] * smooth[at[(a + 2) % 3]]) as f32;
+            a += 1;
+        }
+        if tap.share[0] != 0.0 || tap.share[1] != 0.0 || tap.share[2] != 0.0 {
+            taps[found] = tap;
+            found += 1;
+        }
+        place += 1;
+    }
+    assert!(found == N, "taps left out");
+    taps
+}
 
 impl Brick<'_> {
     /// Computes differences of codes across two voxels along each axis, at eight slot coordinates, given axis by axis.
     /// Places less than a voxel from the padded brick's faces are moved inwards. The middle's code replaces missing
     /// values.
     #[inline(always)]
-    pub(crate) fn central_differences<C: Code, U: Unit, const INVALID: bool>(
-        &self,
-        points: &[Packet; 3],
-        middle: &Packet,
-        differences: &mut [Packet; 3],
-    ) {
+    pub(crate) fn central_differences<C: Code, U: Unit>(&self, points: &[Packet; 3], middle: &Packet) -> [Packet; 3] {
         let (voxel, t) = self.voxels_around(points);
         // SAFETY: such are the returned voxels.
-        let odd = unsafe { self.shared_differences::<C, INVALID>(&voxel, &t, differences) };
-        if INVALID && odd > 0.0 {
-            self.six_samples::<C, U, INVALID>(points, middle, differences);
+        let (differences, odd) = unsafe { self.shared_differences::<C>(&voxel, &t) };
+        if C::INVALID && odd > 0.0 {
+            return self.sampled_differences::<C, U, _>(&CENTRAL, (points, middle));
         }
+        differences
     }
 
-    /// The voxels below eight places, each with a lower neighbour and two upper ones along each axis, and the places'
-    /// fractions towards the next.
-    #[inline(always)]
-    pub(crate) fn voxels_around(&self, points: &[Packet; 3]) -> ([i32; LANES], [Packet; 3]) {
-        assert!(self.padded() >= LEAST_PADDED, "no voxels to take differences of");
-        let (mut voxel, mut t) = ([0; LANES], [[0.0; LANES]; 3]);
-        for a in [2, 1, 0] {
-            for i in 0..LANES {
-                // A whole part is at least 1 and at most padded - 3.
-                let (whole, fraction) = self.grid().split_inside(points[a][i]);
-                t[a][i] = fraction;
-                voxel[i] = voxel[i] * self.padded() as i32 + whole;
-            }
-        }
-        (voxel, t)
-    }
-
-    /// [`Brick::central_differences`] at the given voxels and fractions towards their upper neighbours. With `INVALID`,
-    /// returns how many of the voxels read are no codes; if any are, the differences are useless.
+    /// [`Brick::central_differences`] at the given voxels and fractions towards their upper neighbours. Also returns
+    /// how many of the voxels read are no codes, if voxels may have no value; if any are, the differences are useless.
     ///
     /// # Safety
     /// Every index is that of a voxel with a lower neighbour and two upper ones along each axis.
     #[inline(always)]
-    unsafe fn shared_differences<C: Code, const INVALID: bool>(
-        &self,
-        voxel: &[i32; LANES],
-        t: &[Packet; 3],
-        differences: &mut [Packet; 3],
-    ) -> f32 {
+    unsafe fn shared_differences<C: Code>(&self, voxel: &[i32; LANES], t: &[Packet; 3]) -> ([Packet; 3], f32) {
         let (row, slice) = (self.padded() as isize, (self.padded() * self.padded()) as isize);
         // By z, then by y: the four lines through the eight voxels around each place.
         let (mut line, mut along) = ([[[0.0; LANES]; 2]; 2], [[[0.0; LANES]; 2]; 2]);
@@ -76,12 +83,7 @@ impl Brick<'_> {
                 let at = k as isize * slice + y as isize * row;
                 // SAFETY: by the caller's promise these voxels and their neighbours are inside the brick.
                 unsafe {
-                    self.line_and_difference::<C, INVALID>(
-                        (voxel, at),
-                        &t[0],
-                        [&mut line[k][y], &mut along[k][y]],
-                        &mut odd,
-                    );
+                    self.line_and_difference::<C>((voxel, at), &t[0], [&mut line[k][y], &mut along[k][y]], &mut odd);
                 };
             }
             for side in 0..2 {
@@ -89,11 +91,12 @@ impl Brick<'_> {
                 let [at_y, at_z] = [k as isize * slice + far * row, far * slice + k as isize * row];
                 // SAFETY: the same.
                 unsafe {
-                    self.line::<C, INVALID>((voxel, at_y), &t[0], &mut beside_y[k][side], &mut odd);
-                    self.line::<C, INVALID>((voxel, at_z), &t[0], &mut beside_z[side][k], &mut odd);
+                    self.line::<C>((voxel, at_y), &t[0], &mut beside_y[k][side], &mut odd);
+                    self.line::<C>((voxel, at_z), &t[0], &mut beside_z[side][k], &mut odd);
                 }
             }
         }
+        let mut differences = [[0.0; LANES]; 3];
         let [mut near, mut far] = [[0.0; LANES]; 2];
         for i in 0..LANES {
             near[i] = mix(along[0][0][i], along[0][1][i], t[1][i]);
@@ -110,12 +113,12 @@ impl Brick<'_> {
             far[i] = mix(beside_z[1][0][i] - line[0][0][i], beside_z[1][1][i] - line[0][1][i], t[1][i]);
         }
         differences[2] = mix_packets(&near, &far, &t[2]);
-        self.scale_to_codes::<C>(differences);
+        self.scale_to_codes::<C>(&mut differences);
         let mut sum = 0.0;
         for i in 0..LANES {
             sum += odd[i];
         }
-        sum
+        (differences, sum)
     }
 
     #[inline(always)]
@@ -123,7 +126,7 @@ impl Brick<'_> {
         if C::IS_FLOAT {
             for axis in differences {
                 for i in 0..LANES {
-                    axis[i] *= self.map().per_number;
+                    axis[i] *= self.map.per_number;
                 }
             }
         }
@@ -134,7 +137,7 @@ impl Brick<'_> {
     /// # Safety
     /// The voxels there and their upper neighbours are inside the brick.
     #[inline(always)]
-    unsafe fn line<C: Code, const INVALID: bool>(
+    unsafe fn line<C: Code>(
         &self,
         (voxel, at): (&[i32; LANES], isize),
         t: &Packet,
@@ -143,7 +146,7 @@ impl Brick<'_> {
     ) {
         let [mut near, mut far] = [[0.0; LANES]; 2];
         // SAFETY: the caller's promise.
-        unsafe { self.pairs::<C, INVALID>((voxel, at), [&mut near, &mut far], odd) };
+        unsafe { self.pairs::<C>((voxel, at), [&mut near, &mut far], odd) };
         for i in 0..LANES {
             mixed[i] = mix(near[i], far[i], t[i]);
         }
@@ -154,7 +157,7 @@ impl Brick<'_> {
     /// # Safety
     /// The voxels there have a lower neighbour and two upper ones inside the brick.
     #[inline(always)]
-    unsafe fn line_and_difference<C: Code, const INVALID: bool>(
+    unsafe fn line_and_difference<C: Code>(
         &self,
         (voxel, at): (&[i32; LANES], isize),
         t: &Packet,
@@ -164,8 +167,8 @@ impl Brick<'_> {
         let [mut a, mut b, mut c, mut d] = [[0.0; LANES]; 4];
         // SAFETY: the caller's promise.
         unsafe {
-            self.pairs::<C, INVALID>((voxel, at - 1), [&mut a, &mut b], odd);
-            self.pairs::<C, INVALID>((voxel, at + 1), [&mut c, &mut d], odd);
+            self.pairs::<C>((voxel, at - 1), [&mut a, &mut b], odd);
+            self.pairs::<C>((voxel, at + 1), [&mut c, &mut d], odd);
         }
         for i in 0..LANES {
             mixed[i] = mix(b[i], c[i], t[i]);
@@ -173,119 +176,80 @@ impl Brick<'_> {
         }
     }
 
-    /// The numbers of the voxels at offset `at` from the given ones, and of their upper neighbours. With `INVALID`,
-    /// `odd` counts those that are no codes.
+    /// The numbers of the voxels at offset `at` from the given ones, and of their upper neighbours. `odd` counts
+    /// those that are no codes, if voxels may have no value.
     ///
     /// # Safety
     /// All these voxels are inside the brick.
     #[inline(always)]
-    pub(crate) unsafe fn pairs<C: Code, const INVALID: bool>(
+    pub(crate) unsafe fn pairs<C: Code>(
         &self,
         (voxel, at): (&[i32; LANES], isize),
         [near, far]: [&mut Packet; 2],
         odd: &mut Packet,
     ) {
-        let (first, map) = (self.codes().as_ptr(), self.map());
+        let (first, map) = (self.codes.as_ptr(), &self.map);
         let mut pair = [C::Pair::default(); LANES];
         for i in 0..LANES {
             // SAFETY: the caller's promise; the brick's length was checked on creation.
             pair[i] = unsafe { C::pair(first.offset((voxel[i] as isize + at) * C::BYTES as isize)) };
         }
         for i in 0..LANES {
-            let (a, has_a) = C::part::<INVALID>(C::near(pair[i]), map);
-            let (b, has_b) = C::part::<INVALID>(C::far(pair[i]), map);
+            let (a, has_a) = C::part(C::near(pair[i]), map);
+            let (b, has_b) = C::part(C::far(pair[i]), map);
             (near[i], far[i]) = (a, b);
-            if INVALID {
+            if C::INVALID {
                 let is_near = !C::IS_FLOAT | ((a.abs() < map.farthest) & (b.abs() < map.farthest));
                 odd[i] += if has_a & has_b & is_near { 0.0 } else { 1.0 };
             }
         }
     }
 
-    /// [`Brick::central_differences`] by six samples. Not inlined: it is large and rarely needed.
+    /// The differences by a sample of each tap of an operator. Not inlined: it is large and rarely needed.
     #[inline(always)]
-    fn six_samples<C: Code, U: Unit, const INVALID: bool>(
+    pub(crate) fn sampled_differences<C: Code, U: Unit, const N: usize>(
         &self,
-        points: &[Packet; 3],
-        middle: &Packet,
-        differences: &mut [Packet; 3],
-    ) {
-        #[cfg(target_arch = "x86_64")]
-        if U::AVX2 {
-            // SAFETY: the machine has AVX2.
-            return unsafe { self.six_samples_avx2::<C, INVALID>(points, middle, differences) };
-        }
-        self.six_samples_portable::<C, INVALID>(points, middle, differences);
-    }
-
-    #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx2")]
-    #[inline(never)]
-    fn six_samples_avx2<C: Code, const INVALID: bool>(
-        &self,
-        points: &[Packet; 3],
-        middle: &Packet,
-        differences: &mut [Packet; 3],
-    ) {
-        self.six_samples_on::<C, Avx2, INVALID>(points, middle, differences);
-    }
-
-    #[inline(never)]
-    fn six_samples_portable<C: Code, const INVALID: bool>(
-        &self,
-        points: &[Packet; 3],
-        middle: &Packet,
-        differences: &mut [Packet; 3],
-    ) {
-        self.six_samples_on::<C, Portable, INVALID>(points, middle, differences);
-    }
-
-    #[inline(always)]
-    fn six_samples_on<C: Code, U: Unit, const INVALID: bool>(
-        &self,
-        points: &[Packet; 3],
-        middle: &Packet,
-        differences: &mut [Packet; 3],
-    ) {
-        for a in 0..3 {
-            let mut sides = [[0.0; LANES]; 2];
-            for (side, codes) in [-1.0, 1.0].into_iter().zip(&mut sides) {
-                let (mut places, mut weight) = (*points, [1.0; LANES]);
-                for i in 0..LANES {
-                    places[a][i] += side;
+        taps: &[Tap; N],
+        points_and_middle: (&[Packet; 3], &Packet),
+    ) -> [Packet; 3] {
+        U::call(
+            points_and_middle,
+            #[inline(always)]
+            move |(points, middle)| {
+                let mut differences = [[0.0; LANES]; 3];
+                for Tap { offset, share } in taps {
+                    let (mut places, mut weight) = (*points, [1.0; LANES]);
+                    for a in 0..3 {
+                        for i in 0..LANES {
+                            places[a][i] += offset[a];
+                        }
+                    }
+                    let codes = self.sample_points::<C, U>(&places, &mut weight);
+                    for a in 0..3 {
+                        for i in 0..LANES {
+                            differences[a][i] += share[a] * if weight[i] > 0.0 { codes[i] } else { middle[i] };
+                        }
+                    }
                 }
-                *codes = self.sample_points::<C, U, INVALID>(&places, &mut weight);
-                for i in 0..LANES {
-                    codes[i] = if weight[i] > 0.0 { codes[i] } else { middle[i] };
-                }
-            }
-            for i in 0..LANES {
-                differences[a][i] = sides[1][i] - sides[0][i];
-            }
-        }
+                differences
+            },
+        )
     }
 }
 
 impl March<'_> {
     /// Computes the differences of the frame's operator across two voxels along each axis, at eight slot coordinates
-    /// with these codes. Returns the codes whose rounding affects them: none for stored gradients.
+    /// with these codes. Also returns the codes whose rounding affects them: none for stored gradients.
     #[inline(always)]
-    pub(crate) fn differences<C: Code, U: Unit, const INVALID: bool>(
-        &self,
-        points: &[Packet; 3],
-        code: &Packet,
-        differences: &mut [Packet; 3],
-    ) -> Packet {
+    pub(crate) fn differences<C: Code, U: Unit>(&self, points: &[Packet; 3], code: &Packet) -> ([Packet; 3], Packet) {
         match self.frame.settings.lighting.gradient {
-            Gradient::Central => self.brick.central_differences::<C, U, INVALID>(points, code, differences),
-            Gradient::Sobel => self.brick.sobel_differences::<C, U, INVALID>(points, code, differences),
+            Gradient::Central => (self.brick.central_differences::<C, U>(points, code), *code),
+            Gradient::Sobel => (self.brick.sobel_differences::<C, U>(points, code), *code),
             Gradient::Stored => {
                 let stored = Gradients::new(self.cell.brick.gradients(), self.frame.gradients, self.frame.apron);
-                stored.packet::<U>(points, self.frame.gradient_scale, differences);
-                return [0.0; LANES];
+                (stored.packet::<U>(points, self.frame.gradient_scale), [0.0; LANES])
             }
         }
-        *code
     }
 }
 
@@ -293,24 +257,23 @@ impl March<'_> {
 mod tests {
     use super::*;
     use crate::sample::{Code8, Code16, CodeMap, Float32};
+    use crate::unit::Portable;
     use brickyard_volume::slot_encoding::INVALID_SLOT;
 
     const PADDED: usize = 7;
 
-    fn both_ways<C: Code, const INVALID: bool>(
+    fn both_ways<C: Code>(
         brick: &Brick<'_>,
         is_sobel: bool,
         (points, middle): (&[Packet; 3], &Packet),
     ) -> [[Packet; 3]; 2] {
-        let [mut found, mut expected] = [[[0.0; LANES]; 3]; 2];
         if is_sobel {
-            brick.sobel_differences::<C, Portable, INVALID>(points, middle, &mut found);
-            brick.sobel_samples::<C, Portable, INVALID>(points, middle, &mut expected);
+            let expected = brick.sampled_differences::<C, Portable, _>(&SOBEL, (points, middle));
+            [brick.sobel_differences::<C, Portable>(points, middle), expected]
         } else {
-            brick.central_differences::<C, Portable, INVALID>(points, middle, &mut found);
-            brick.six_samples::<C, Portable, INVALID>(points, middle, &mut expected);
+            let expected = brick.sampled_differences::<C, Portable, _>(&CENTRAL, (points, middle));
+            [brick.central_differences::<C, Portable>(points, middle), expected]
         }
-        [found, expected]
     }
 
     /// Compares differences from shared voxels and from samples, of noise, all over a brick.
@@ -330,12 +293,9 @@ mod tests {
             points.as_flattened_mut().iter_mut().for_each(|v| *v = 1.0 + noise() as f32 / 65535.0 * 3.99);
             let places = (&points, &[0.0; LANES]);
             for is_sobel in [false, true] {
-                let without = both_ways::<C, false>(&brick, is_sobel, places);
-                let with = both_ways::<C, true>(&brick, is_sobel, places);
-                for [found, expected] in [without, with] {
-                    for (found, expected) in found.as_flattened().iter().zip(expected.as_flattened()) {
-                        worst = worst.max((found - expected).abs());
-                    }
+                let [found, expected] = both_ways::<C>(&brick, is_sobel, places);
+                for (found, expected) in found.as_flattened().iter().zip(expected.as_flattened()) {
+                    worst = worst.max((found - expected).abs());
                 }
             }
         }
@@ -346,8 +306,10 @@ mod tests {
 
     #[test]
     fn shared_voxels_give_the_differences_of_samples() {
-        both::<Code8>();
-        both::<Code16>();
+        both::<Code8<false>>();
+        both::<Code8<true>>();
+        both::<Code16<false>>();
+        both::<Code16<true>>();
     }
 
     #[test]
@@ -370,7 +332,7 @@ mod tests {
             let mut points = [[0.0; LANES]; 3];
             points.as_flattened_mut().iter_mut().for_each(|v| *v = 1.0 + noise() as f32 / 65535.0 * 3.99);
             for (is_sobel, different) in [false, true].into_iter().zip(&mut different) {
-                let [found, expected] = both_ways::<Float32, true>(&brick, is_sobel, (&points, &[100.0; LANES]));
+                let [found, expected] = both_ways::<Float32>(&brick, is_sobel, (&points, &[100.0; LANES]));
                 *different += (found != expected) as u32;
                 for (found, expected) in found.as_flattened().iter().zip(expected.as_flattened()) {
                     // Numbers of up to 800 are interpolated to within 2^-14 of one, and are 64 codes each.
@@ -388,11 +350,11 @@ mod tests {
     fn places_outside_are_moved_in() {
         let map = CodeMap { first: 0.0, per_number: 1.0, farthest: f32::MAX };
         let codes: Vec<u8> = (0..PADDED.pow(3)).map(|i| (i % PADDED * 9 + i / PADDED % PADDED * 4) as u8).collect();
-        let brick = Brick::new::<Code8>(&codes, PADDED as u32, map);
+        let brick = Brick::new::<Code8<false>>(&codes, PADDED as u32, map);
         let far = [-1e9, f32::NAN, 0.0, 0.5, 6.0, 1e9, f32::INFINITY, f32::NEG_INFINITY];
         let rounding = 1e-3;
         for is_sobel in [false, true] {
-            let [found, _] = both_ways::<Code8, false>(&brick, is_sobel, (&[far; 3], &[0.0; LANES]));
+            let [found, _] = both_ways::<Code8<false>>(&brick, is_sobel, (&[far; 3], &[0.0; LANES]));
             for (found, expected) in found.iter().zip([18.0, 8.0, 0.0]) {
                 assert!(found.iter().all(|v| (v - expected).abs() < rounding), "{found:?}");
             }

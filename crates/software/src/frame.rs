@@ -3,19 +3,22 @@
 
 use crate::depths::DepthTable;
 use crate::macrocells::{Mask, over_boxes};
+use crate::meshes::pixels;
 use crate::packet::{LANES, Packet};
 use crate::painting::Painting;
+use crate::ray::Ray;
 use crate::reading::Reading;
-use crate::sample::CodeMap;
+use crate::sample::{Brick, Code, CodeMap};
 use crate::steps::StepTables;
 use crate::ticks::Ticks;
 use brickyard_pager::{DrawCell, DrawList, PixelShare, Slot};
 use brickyard_volume::macrocells::{MacroCells, OpaqueCodes};
+use brickyard_volume::sampling::Curve;
 use brickyard_volume::slot_encoding::ANYTHING;
 use brickyard_volume::surface::MAX_SURFACES;
 use brickyard_volume::{
-    Blend, Clip, Extent, Extreme, FrameSettings, Geometry, GradientNodes, Integrals, Lighting, Mode, Needs, PixelRect,
-    Placement, Pyramid, TransferGrid, ViewRays, VolumeFrame, VoxelBox, surface,
+    Blend, Clip, CutFace, Extent, Extreme, Filter, FrameSettings, Geometry, GradientNodes, Integrals, Lighting, Method,
+    Mode, Needs, PixelRect, Placement, Pyramid, TransferGrid, ViewRays, VolumeFrame, VoxelBox, surface,
 };
 use glam::{DVec3, Mat3};
 use rayon::prelude::*;
@@ -257,15 +260,63 @@ pub(crate) fn rank_of(thresholds: &[f32; MAX_SURFACES], code: f32) -> i32 {
     rank
 }
 
+/// Whether all shown is fog, classified by the value in the middle of each segment alone.
+pub(crate) fn is_plain_fog(settings: &FrameSettings) -> bool {
+    let is_bare = settings.surfaces.is_empty() && settings.grid().is_none();
+    is_bare && settings.mode == Mode::Dvr && settings.method() == Method::Udvr
+}
+
 impl Frame<'_> {
+    pub(crate) fn is_unlit_plain_fog(&self) -> bool {
+        !self.is_lit && is_plain_fog(self.settings)
+    }
+
+    /// Whether [plain fog](is_plain_fog) is sampled, and its gradients found, in packets.
+    pub(crate) fn is_sampled_in_packets(&self) -> bool {
+        is_plain_fog(self.settings)
+            && match self.is_lit {
+                true => self.reading.of_gradients() == Reading::Filtered(Filter::Trilinear),
+                false => self.reading != Reading::Filtered(Filter::Tricubic),
+            }
+    }
+
+    /// Whether segments of fog or surfaces are examined from end to end.
+    pub(crate) fn needs_ends(&self) -> bool {
+        !self.settings.surfaces.is_empty() || self.settings.method().curve() != Curve::Middle
+    }
+
     /// Whether drawing is given up. Checked once per cell or ray: reading a clock costs some 50 ns.
     pub(crate) fn is_given_up(&self) -> bool {
         self.painting.is_some_and(Painting::is_abandoned) || self.until.is_some_and(|until| Instant::now() >= until)
     }
 
+    /// A ray's origin and unit direction in the scene's world.
+    #[inline(always)]
+    pub(crate) fn world_ray(&self, ray: &Ray) -> (DVec3, DVec3) {
+        let (geometry, placement) = (&self.settings.geometry, &self.settings.placement);
+        let eye = placement.world_from_volume(geometry.world_from_voxel(DVec3::from_array(ray.origin)));
+        (eye, placement.world_vector(DVec3::from_array(ray.direction) * geometry.spacing))
+    }
+
+    /// The cut through which a ray enters the shown part, and the voxels it descends below the cut per unit of
+    /// distance, of so many per level-0 voxel; `None` without a cut.
+    #[inline(always)]
+    pub(crate) fn cut(&self, ray: &Ray, voxels: [f64; 3]) -> Option<(CutFace, f64)> {
+        self.settings.clip.as_ref()?;
+        let [origin, direction] = [ray.origin, ray.direction].map(DVec3::from_array);
+        let cut = self.settings.cut_face(self.extent, (origin, direction), ray.eye)?;
+        Some((cut, cut.voxels_per_distance(direction, DVec3::from_array(voxels).recip())))
+    }
+
     /// How far to shift the lattice of a pixel's ray towards the eye; `t_in` is the distance of the ray's entry.
     pub(crate) fn shift(&self, x: u32, y: u32, t_in: f64) -> f64 {
         self.settings.lattice.shift(self.settings.sampling.jitter.share(x, y), t_in)
+    }
+
+    /// A cell's brick, checked against the layout of its codes.
+    #[inline(always)]
+    pub(crate) fn brick<'b, C: Code>(&self, cell: &Cell<'b>) -> Brick<'b> {
+        Brick::new::<C>(cell.brick.voxels(), self.edge + 2 * self.apron, self.map)
     }
 
     /// The most light of any ray that entered a cell so far, 0 to 1.
@@ -471,22 +522,7 @@ fn pixel_rect(rays: &ViewRays, geometry: &Geometry, placement: &Placement, regio
     if corners.iter().all(|corner| (corner - rays.eye).dot(rays.forward) < 0.0) {
         return None;
     }
-    let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
-    for corner in corners {
-        let Some(px) = rays.pixel(corner) else {
-            // Partly behind the eye: the outline is unbounded.
-            return Some(rays.whole());
-        };
-        for k in 0..2 {
-            low[k] = low[k].min(px[k]);
-            high[k] = high[k].max(px[k]);
-        }
-    }
-    // Casts saturate: far outside becomes the picture's edge.
-    let first = |k: usize| (low[k] - 1.0).floor() as u32;
-    let past = |k: usize, n: u32| ((high[k] + 1.0).ceil() as u32).min(n);
-    let rect = PixelRect { x0: first(0), x1: past(0, rays.width), y0: first(1), y1: past(1, rays.height) };
-    (rect.x0 < rect.x1 && rect.y0 < rect.y1).then_some(rect)
+    pixels(rays, rays.whole(), corners)
 }
 
 #[cfg(test)]

@@ -6,21 +6,18 @@ use crate::macrocells::{Coverage, Reach};
 use crate::march::look;
 use crate::media::{Media, Met};
 use crate::medium::Medium;
-use crate::mixture::Mixed;
 use crate::modes::{Accumulate, Dvr};
 use crate::packet::{CHUNK, LANES, PACKETS};
 use crate::path::Path;
 use crate::pieces::Pieces;
 use crate::ray::Ray;
 use crate::reading::Reading;
-#[cfg(target_arch = "x86_64")]
-use crate::sample::Avx2;
-use crate::sample::{ALL_PACKETS, Brick, Code, Code8, Code16, Float32, Portable, SampleChunk, Unit};
+use crate::sample::{ALL_PACKETS, Code};
 use crate::stretch::{March, Stretch};
 use crate::transfer_table::Entries;
-use brickyard_volume::sampling::Curve;
+use crate::unit::{Choice, Unit};
+use brickyard_volume::Mode;
 use brickyard_volume::surface::Meeting;
-use brickyard_volume::{Method, Mode, SlotFormat};
 use glam::{DVec3, Vec4};
 use std::ops::Range;
 
@@ -100,7 +97,7 @@ impl Way {
 
 /// Adds a layer's media of a cell in a run of segments. The number is the place in the chunk of the run's first
 /// segment.
-pub(crate) type Gather = fn(&Frame<'_>, &Cell<'_>, &mut Way, Range<u32>, usize, &mut SampleChunk, &mut Media);
+pub(crate) type Gather = fn(&Frame<'_>, &Cell<'_>, &mut Way, Range<u32>, usize, &mut Media);
 
 /// The use made of samples.
 trait Look {
@@ -108,104 +105,69 @@ trait Look {
     const ENDS: bool;
 
     /// Takes some segments of a way's stretch; `at` is the place in the chunk of the stretch's first.
-    fn take<C: Code, U: Unit, const INVALID: bool>(
-        march: &March<'_>,
-        way: &mut Way,
-        segments: Range<i32>,
-        at: i32,
-        chunk: &mut SampleChunk,
-        media: &mut Media,
-    );
+    fn take<C: Code, U: Unit>(march: &March<'_>, way: &mut Way, segments: Range<i32>, at: i32, media: &mut Media);
 }
 
-/// Returns this machine's function for gathering a layer, in a picture with or without surfaces, or for an expression
-/// reading the layer's values.
-pub(crate) fn gather_of(frame: &Frame<'_>, has_surfaces: bool, is_read: bool) -> Gather {
-    fn with_code<C: Code, const INVALID: bool>(frame: &Frame<'_>, has_surfaces: bool, is_read: bool) -> Gather {
-        let method = frame.settings.method();
-        if is_read {
-            return for_machine::<C, Read, INVALID>();
+/// The function for gathering a layer.
+pub(crate) struct Gathering<'a> {
+    pub(crate) frame: &'a Frame<'a>,
+    /// Whether any layer of the picture has surfaces.
+    pub(crate) has_surfaces: bool,
+    /// Whether an expression reads the layer's values.
+    pub(crate) is_read: bool,
+}
+
+impl Choice for Gathering<'_> {
+    type Chosen = Gather;
+
+    fn of<C: Code, U: Unit>(self) -> Gather {
+        if self.is_read {
+            return gather::<C, U, Read>;
         }
-        if is_plain(frame) && !has_surfaces {
-            return for_machine::<C, Plain, INVALID>();
+        if self.frame.is_unlit_plain_fog() && !self.has_surfaces {
+            return gather::<C, U, Plain>;
         }
-        match method.curve() == Curve::Middle && frame.settings.surfaces.is_empty() {
-            true => for_machine::<C, Any<false>, INVALID>(),
-            false => for_machine::<C, Any<true>, INVALID>(),
+        match self.frame.needs_ends() {
+            true => gather::<C, U, Any<true>>,
+            false => gather::<C, U, Any<false>>,
         }
-    }
-    let encoding = &frame.settings.encoding;
-    match (encoding.format, encoding.has_invalid) {
-        (SlotFormat::U8, false) => with_code::<Code8, false>(frame, has_surfaces, is_read),
-        (SlotFormat::U8, true) => with_code::<Code8, true>(frame, has_surfaces, is_read),
-        (SlotFormat::U16, false) => with_code::<Code16, false>(frame, has_surfaces, is_read),
-        (SlotFormat::U16, true) => with_code::<Code16, true>(frame, has_surfaces, is_read),
-        // One function for both: testing a voxel for a value costs little beside the fetch.
-        (SlotFormat::F32, _) => with_code::<Float32, true>(frame, has_surfaces, is_read),
     }
 }
 
-/// Whether a layer is plain fog: each segment is classified by the value in its middle alone, and nothing is lit.
-pub(crate) fn is_plain(frame: &Frame<'_>) -> bool {
-    let settings = frame.settings;
-    let is_bare = !frame.is_lit && frame.grid.is_none() && settings.surfaces.is_empty();
-    is_bare && settings.mode == Mode::Dvr && settings.method() == Method::Udvr
-}
-
-fn for_machine<C: Code, L: Look, const INVALID: bool>() -> Gather {
-    #[cfg(target_arch = "x86_64")]
-    if std::arch::is_x86_feature_detected!("avx2") {
-        // SAFETY: the machine has AVX2.
-        return |frame, cell, way, run, at, chunk, media| unsafe {
-            gather_avx2::<C, L, INVALID>(frame, cell, way, run, at, chunk, media);
-        };
-    }
-    gather::<C, Portable, L, INVALID>
-}
-
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2")]
-fn gather_avx2<C: Code, L: Look, const INVALID: bool>(
+fn gather<C: Code, U: Unit, L: Look>(
     frame: &Frame<'_>,
     cell: &Cell<'_>,
     way: &mut Way,
     run: Range<u32>,
     at: usize,
-    chunk: &mut SampleChunk,
     media: &mut Media,
 ) {
-    gather::<C, Avx2, L, INVALID>(frame, cell, way, run, at, chunk, media);
-}
-
-#[inline(always)]
-fn gather<C: Code, U: Unit, L: Look, const INVALID: bool>(
-    frame: &Frame<'_>,
-    cell: &Cell<'_>,
-    way: &mut Way,
-    run: Range<u32>,
-    at: usize,
-    chunk: &mut SampleChunk,
-    media: &mut Media,
-) {
-    let brick = Brick::new::<C>(cell.brick.voxels(), frame.edge + 2 * frame.apron, frame.map);
-    let march = March { frame, cell, brick };
-    let mut tick = run.start;
-    while tick < run.end {
-        if way.stretch.end <= tick {
-            way.begin(frame, cell, tick, L::ENDS);
-        }
-        let Stretch { start, end, zone, .. } = way.stretch;
-        let until = if end < run.end { end } else { run.end };
-        let first = at as i32 + ((tick - run.start) >> zone) as i32 - ((tick - start) >> zone) as i32;
-        while let Some(segments) = way.next_seen(((until - start) >> zone) as i32) {
-            let seen = media.end;
-            L::take::<C, U, INVALID>(&march, way, segments, first, chunk, media);
-            if media.end < seen {
-                return;
+    U::call(
+        (way, media),
+        #[inline(always)]
+        move |(way, media)| {
+            let brick = frame.brick::<C>(cell);
+            let mut tick = run.start;
+            while tick < run.end {
+                if way.stretch.end <= tick {
+                    way.begin(frame, cell, tick, L::ENDS);
+                }
+                let stretch = way.stretch;
+                let march = March { frame, cell, brick, stretch: &stretch };
+                let Stretch { start, end, zone, .. } = stretch;
+                let until = if end < run.end { end } else { run.end };
+                let first = at as i32 + ((tick - run.start) >> zone) as i32 - ((tick - start) >> zone) as i32;
+                while let Some(segments) = way.next_seen(((until - start) >> zone) as i32) {
+                    let seen = media.end;
+                    L::take::<C, U>(&march, way, segments, first, media);
+                    if media.end < seen {
+                        return;
+                    }
+                }
+                tick = until;
             }
-        }
-        tick = until;
-    }
+        },
+    );
 }
 
 /// One sample in the middle of each segment, classified by its value alone, without surfaces.
@@ -215,31 +177,18 @@ impl Look for Plain {
     const ENDS: bool = false;
 
     #[inline(always)]
-    fn take<C: Code, U: Unit, const INVALID: bool>(
-        march: &March<'_>,
-        way: &mut Way,
-        segments: Range<i32>,
-        at: i32,
-        chunk: &mut SampleChunk,
-        media: &mut Media,
-    ) {
+    fn take<C: Code, U: Unit>(march: &March<'_>, way: &mut Way, segments: Range<i32>, at: i32, media: &mut Media) {
         let first = (at + segments.start) as usize;
-        sample::<C, U, INVALID>(march, way, segments, chunk);
-        add_fog::<U>(march.frame, 1.0, ALL_PACKETS, chunk, &mut media.mixed[first..], &mut media.is_any);
+        march.sample::<C, U>(&way.ray, &mut media.chunk, segments);
+        add_fog::<U>(march.frame, 1.0, ALL_PACKETS, first, media);
     }
 }
 
-/// Adds a layer's medium at the samples of some packets of a sampled chunk. The chunk's weights times `share` are unit
-/// distances; `is_any` becomes true if a sample shows anything.
+/// Adds a layer's medium at the samples of some packets of a sampled chunk, to the segments from `first` on. Weights of
+/// samples times `share` are unit distances.
 #[inline(always)]
-pub(crate) fn add_fog<U: Unit>(
-    frame: &Frame<'_>,
-    share: f32,
-    packets: u32,
-    chunk: &mut SampleChunk,
-    mixed: &mut [Mixed],
-    is_any: &mut bool,
-) {
+pub(crate) fn add_fog<U: Unit>(frame: &Frame<'_>, share: f32, packets: u32, first: usize, media: &mut Media) {
+    let Media { chunk, mixed, is_any, .. } = media;
     let depths = frame.depths.as_ref().expect("layers of fog that are drawn together have it");
     let mut shows = 0;
     for p in 0..chunk.packets.min(PACKETS) {
@@ -247,7 +196,7 @@ pub(crate) fn add_fog<U: Unit>(
     }
     shows &= packets;
     *is_any |= shows != 0;
-    for (p, mixed) in mixed.as_chunks_mut().0.iter_mut().enumerate().take(PACKETS) {
+    for (p, mixed) in mixed[first..].as_chunks_mut().0.iter_mut().enumerate().take(PACKETS) {
         if shows & 1 << p == 0 {
             continue;
         }
@@ -271,25 +220,19 @@ impl<const ENDS: bool> Look for Any<ENDS> {
     const ENDS: bool = ENDS;
 
     #[inline(always)]
-    fn take<C: Code, U: Unit, const INVALID: bool>(
-        march: &March<'_>,
-        Way { ray, stretch, .. }: &mut Way,
-        segments: Range<i32>,
-        at: i32,
-        chunk: &mut SampleChunk,
-        media: &mut Media,
-    ) {
+    fn take<C: Code, U: Unit>(march: &March<'_>, way: &mut Way, segments: Range<i32>, at: i32, media: &mut Media) {
+        let ray = &mut way.ray;
         let has_fog = march.frame.settings.mode == Mode::Dvr;
-        let path = Path::new(march, stretch, ray);
+        let path = Path::new(march, ray);
         (media.alone.blend, media.alone.first) = (march.frame.blend, at);
-        stretch.reach(ray, &segments, INVALID && march.frame.settings.encoding.has_invalid);
-        let mut pieces = Pieces::new(march, stretch, path, segments);
-        while let Some(piece) = pieces.next::<C, U, INVALID>(ray) {
+        march.stretch.reach(ray, &segments, C::INVALID && march.frame.settings.encoding.has_invalid);
+        let mut pieces = Pieces::new(march, path, segments);
+        while let Some(piece) = pieces.next::<C, U>(ray) {
             if has_fog {
                 let mut next = piece.segments.start;
                 while next < piece.segments.end {
-                    next = piece.path.row::<C, U, INVALID>(next..piece.segments.end, &mut chunk.media);
-                    chunk.media.drain(..).for_each(|passed| media.alone.pass(passed));
+                    next = piece.path.row::<C, U>(next..piece.segments.end, &mut media.chunk.media);
+                    media.chunk.media.drain(..).for_each(|passed| media.alone.pass(passed));
                 }
                 for segment in piece.segments.clone() {
                     media.take_alone(segment, piece.path.ends(segment).map(|along| path.distance(along)));
@@ -297,7 +240,7 @@ impl<const ENDS: bool> Look for Any<ENDS> {
             }
             if let (Some(crossing), Some(found)) = (piece.surface, &mut media.found) {
                 let segment = media.alone.place(piece.segments.start);
-                let shown = path.surface::<C, U, INVALID>(crossing);
+                let shown = path.surface::<C, U>(crossing);
                 let at = Meeting::new(path.distance(crossing.along), crossing.is_cap, march.frame.ticks.step);
                 found.surfaces.push(Met { segment, at, shown });
                 if shown.w >= 1.0 {
@@ -316,19 +259,12 @@ impl Look for Read {
     const ENDS: bool = false;
 
     #[inline(always)]
-    fn take<C: Code, U: Unit, const INVALID: bool>(
-        march: &March<'_>,
-        way: &mut Way,
-        segments: Range<i32>,
-        at: i32,
-        chunk: &mut SampleChunk,
-        media: &mut Media,
-    ) {
-        sample::<C, U, INVALID>(march, way, segments.clone(), chunk);
+    fn take<C: Code, U: Unit>(march: &March<'_>, way: &mut Way, segments: Range<i32>, at: i32, media: &mut Media) {
+        march.sample::<C, U>(&way.ray, &mut media.chunk, segments.clone());
         let (read, is_lit) = (media.values.len() / CHUNK, march.frame.is_lit);
-        let path = is_lit.then(|| Path::new(march, &way.stretch, &way.ray));
+        let path = is_lit.then(|| Path::new(march, &way.ray));
         for (i, segment) in segments.enumerate().take(CHUNK) {
-            let (code, weight) = (chunk.code[i / LANES][i % LANES], chunk.weight[i / LANES][i % LANES]);
+            let (code, weight) = (media.chunk.code[i / LANES][i % LANES], media.chunk.weight[i / LANES][i % LANES]);
             if weight > 0.0 {
                 let place = (at + segment) as usize;
                 let value = march.frame.settings.encoding.value_of_code(code as f64);
@@ -340,23 +276,11 @@ impl Look for Read {
                     let gradient = match march.frame.reading {
                         // Labels are flat between their borders.
                         Reading::Label => DVec3::ZERO,
-                        Reading::Filtered(_) => path.gradient::<C, U, INVALID>(segment, code),
+                        Reading::Filtered(_) => path.gradient::<C, U>(segment, code),
                     };
                     media.gradients[place * read + way.layer] = gradient;
                 }
             }
         }
     }
-}
-
-#[inline(always)]
-fn sample<C: Code, U: Unit, const INVALID: bool>(
-    march: &March<'_>,
-    Way { ray, stretch, .. }: &Way,
-    segments: Range<i32>,
-    chunk: &mut SampleChunk,
-) {
-    let Stretch { origin, step, .. } = *stretch;
-    stretch.place_samples::<INVALID>(march.frame, ray, chunk, segments);
-    march.brick.read::<C, U, INVALID>(march.frame.reading, origin, step, chunk);
 }

@@ -2,9 +2,7 @@
 //! where a central difference takes 48 voxels.
 
 use crate::packet::{LANES, Packet};
-#[cfg(target_arch = "x86_64")]
-use crate::sample::Avx2;
-use crate::sample::{Portable, Unit};
+use crate::unit::Unit;
 use brickyard_volume::GradientNodes;
 use brickyard_volume::gradients::{NODE_BYTES, decode, from_half};
 use glam::Vec3;
@@ -53,24 +51,16 @@ impl<'a> Gradients<'a> {
 
     /// [`Gradients::at`] at eight slot coordinates, given axis by axis, times `scale`. Not inlined: it is large.
     #[inline(always)]
-    pub(crate) fn packet<U: Unit>(&self, points: &[Packet; 3], scale: f32, differences: &mut [Packet; 3]) {
-        #[cfg(target_arch = "x86_64")]
-        if U::AVX2 {
-            // SAFETY: the machine has AVX2.
-            return unsafe { self.packet_avx2(points, scale, differences) };
-        }
-        self.packet_on::<Portable>(points, scale, differences);
-    }
-
-    #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx2")]
-    #[inline(never)]
-    fn packet_avx2(&self, points: &[Packet; 3], scale: f32, differences: &mut [Packet; 3]) {
-        self.packet_on::<Avx2>(points, scale, differences);
+    pub(crate) fn packet<U: Unit>(&self, points: &[Packet; 3], scale: f32) -> [Packet; 3] {
+        U::call(
+            points,
+            #[inline(always)]
+            move |points| self.packet_on(points, scale),
+        )
     }
 
     #[inline(always)]
-    fn packet_on<U: Unit>(&self, points: &[Packet; 3], scale: f32, differences: &mut [Packet; 3]) {
+    fn packet_on(&self, points: &[Packet; 3], scale: f32) -> [Packet; 3] {
         let (mut first, mut t) = ([0; LANES], [[0.0; LANES]; 3]);
         for a in [2, 1, 0] {
             for i in 0..LANES {
@@ -80,7 +70,7 @@ impl<'a> Gradients<'a> {
                 first[i] = first[i] * self.along as i32 + node;
             }
         }
-        *differences = [[0.0; LANES]; 3];
+        let mut differences = [[0.0; LANES]; 3];
         for line in 0..4 {
             let at = (line / 2 * self.along + line % 2) * self.along;
             let (mut near, mut far) = ([0; LANES], [0; LANES]);
@@ -101,6 +91,7 @@ impl<'a> Gradients<'a> {
                 }
             }
         }
+        differences
     }
 }
 
@@ -118,6 +109,7 @@ fn mix<const N: usize, const HALF: usize>(all: &[[f32; 4]; N], t: f32) -> [[f32;
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::unit::Portable;
 
     #[test]
     fn a_packet_has_what_each_of_its_places_has() {
@@ -136,8 +128,7 @@ mod tests {
             let mut points = [[0.0; LANES]; 3];
             // Including places a little outside of all nodes.
             points.as_flattened_mut().iter_mut().for_each(|v| *v = noise() as f32 / 65535.0 * 14.0 - 1.0);
-            let mut found = [[0.0; LANES]; 3];
-            gradients.packet::<Portable>(&points, 3.0, &mut found);
+            let found = gradients.packet::<Portable>(&points, 3.0);
             for i in 0..LANES {
                 let expected = gradients.at([0, 1, 2].map(|a| points[a][i])) * 3.0;
                 for a in 0..3 {

@@ -14,10 +14,10 @@
 //!    once.
 //! 5. `macrocells`: the possibly visible ones of these segments.
 //! 6. `sample` (or `cubic`) and `modes`: the samples of a run, in packets of eight, are interpolated, classified and
-//!    blended in loops that compile to vector code (AVX2 if available, chosen at run time). For lit samples of the
-//!    plain method, `lit` finds the gradients (`differences`, `sobel`, `gradients`) and lights the colours (`shade`) by
-//!    packets, too. For all other methods, and for surfaces in fog, `path` and `pieces` turn segments into media
-//!    (`medium`). `surface` finds one opaque surface.
+//!    blended in loops that compile to vector code (AVX2 if available, chosen at run time: `unit`). For lit samples of
+//!    the plain method, `lit` finds the gradients (`differences`, `sobel`, `gradients`) and lights the colours
+//!    (`shade`) by packets, too. For all other methods, and for surfaces in fog, `path` and `pieces` turn segments into
+//!    media (`medium`). `surface` finds one opaque surface.
 //!
 //! A pixel depends on the frame alone, not on the number of threads nor on AVX2: sums are always taken in the same
 //! order, and no fused multiply-add is used.
@@ -59,6 +59,7 @@ mod ticks;
 mod tile;
 mod tiles;
 mod transfer_table;
+mod unit;
 
 pub use options::SoftwareOptions;
 pub use painting::{KeptTiles, Painting};

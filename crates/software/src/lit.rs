@@ -3,64 +3,28 @@
 //! A chunk's samples are classified like unlit ones. Then light goes through its packets, and only visible packets
 //! reached by light are lit.
 
-use crate::frame::Frame;
-use crate::packet::{LANES, PACKETS, Packet};
+use crate::packet::{LANES, PACKETS, points};
 use crate::ray::{FAINTEST, Ray};
-#[cfg(target_arch = "x86_64")]
-use crate::sample::Avx2;
-use crate::sample::{Code, Portable, SampleChunk, Unit};
+use crate::sample::{Code, SampleChunk};
 use crate::shade::{Shade, Shaded};
-use crate::stretch::{March, Stretch};
-use brickyard_volume::{Filter, Method, Mode};
+use crate::stretch::March;
+use crate::unit::Unit;
 use glam::Vec4;
-
-/// Whether this file lights a frame's pictures.
-pub(crate) fn is_lit_plainly(frame: &Frame<'_>) -> bool {
-    let settings = frame.settings;
-    let is_plain = settings.mode == Mode::Dvr && settings.method() == Method::Udvr && settings.surfaces.is_empty();
-    let is_trilinear = settings.sampling.filter.of_gradients() == Filter::Trilinear && !settings.encoding.is_labels;
-    frame.is_lit && is_plain && is_trilinear && frame.grid.is_none()
-}
 
 /// Passes light through the visible packets of a chunk. A call of its own on each vector unit: it is large.
 #[inline(always)]
-pub(crate) fn see<C: Code, U: Unit, const INVALID: bool>(
-    march: &March<'_>,
-    stretch: &Stretch,
-    ray: &Ray,
-    chunk: &mut SampleChunk,
-    shows: u32,
-) -> Vec4 {
-    #[cfg(target_arch = "x86_64")]
-    if U::AVX2 {
-        // SAFETY: the machine has AVX2.
-        return unsafe { see_avx2::<C, INVALID>(march, stretch, ray, chunk, shows) };
-    }
-    see_on::<C, Portable, INVALID>(march, stretch, ray, chunk, shows)
-}
-
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2")]
-#[inline(never)]
-fn see_avx2<C: Code, const INVALID: bool>(
-    march: &March<'_>,
-    stretch: &Stretch,
-    ray: &Ray,
-    chunk: &mut SampleChunk,
-    shows: u32,
-) -> Vec4 {
-    see_on::<C, Avx2, INVALID>(march, stretch, ray, chunk, shows)
+pub(crate) fn see<C: Code, U: Unit>(march: &March<'_>, ray: &Ray, chunk: &mut SampleChunk, shows: u32) -> Vec4 {
+    U::call(
+        (march, ray),
+        #[inline(always)]
+        move |(march, ray)| see_on::<C, U>(march, ray, chunk, shows),
+    )
 }
 
 #[inline(always)]
-fn see_on<C: Code, U: Unit, const INVALID: bool>(
-    march: &March<'_>,
-    stretch: &Stretch,
-    ray: &Ray,
-    chunk: &mut SampleChunk,
-    shows: u32,
-) -> Vec4 {
-    let (eye, view) = march.world_ray(ray);
+fn see_on<C: Code, U: Unit>(march: &March<'_>, ray: &Ray, chunk: &mut SampleChunk, shows: u32) -> Vec4 {
+    let stretch = march.stretch;
+    let (eye, view) = march.frame.world_ray(ray);
     let cut = march.cut(ray);
     let shade = Shade::new(&march.frame.settings.lighting, march.slopes(), eye, view, cut);
     let mut shaded = Shaded::EMPTY;
@@ -70,7 +34,13 @@ fn see_on<C: Code, U: Unit, const INVALID: bool>(
             continue;
         }
         let along = &chunk.along[p];
-        light_packet::<C, U, INVALID>(march, stretch, &shade, (along, &chunk.code[p]), &mut shaded);
+        let mut distance = [0.0; LANES];
+        for i in 0..LANES {
+            distance[i] = stretch.middle as f32 + along[i] * stretch.length as f32;
+        }
+        let points = points(stretch.origin, stretch.step, along);
+        let (differences, rounded) = march.differences::<C, U>(&points, &chunk.code[p]);
+        shade.packet(&differences, (&distance, &rounded), &mut shaded);
         for i in 0..LANES {
             let step = chunk.entry[p][i];
             color += shade.lit(&shaded, i, step, 1.0 - step.w) * light;
@@ -81,25 +51,4 @@ fn see_on<C: Code, U: Unit, const INVALID: bool>(
         }
     }
     color.with_w(light)
-}
-
-#[inline(always)]
-fn light_packet<C: Code, U: Unit, const INVALID: bool>(
-    march: &March<'_>,
-    stretch: &Stretch,
-    shade: &Shade<'_>,
-    (along, code): (&Packet, &Packet),
-    shaded: &mut Shaded,
-) {
-    let (mut points, mut differences, mut distance) = ([[0.0; LANES]; 3], [[0.0; LANES]; 3], [0.0; LANES]);
-    for a in 0..3 {
-        for i in 0..LANES {
-            points[a][i] = stretch.origin[a] + along[i] * stretch.step[a];
-        }
-    }
-    for i in 0..LANES {
-        distance[i] = stretch.middle as f32 + along[i] * stretch.length as f32;
-    }
-    let rounded = march.differences::<C, U, INVALID>(&points, code, &mut differences);
-    shade.packet(&differences, (&distance, &rounded), shaded);
 }

@@ -1,48 +1,41 @@
 //! A tile's rays through one layer, cell by cell: the hot loop. Traversal is compiled once per mode and vector unit;
-//! sampling ([`Sampler`]) per code width as well.
+//! sampling per code width as well.
 
 use crate::frame::{Cell, Frame};
-use crate::lit::is_lit_plainly;
 use crate::macrocells::{Coverage, Reach};
 use crate::medium::Medium;
 use crate::meshes::MeshLayers;
 use crate::modes::{Accumulate, Average, Dvr, MinIp, Mip};
 use crate::packet::LANES;
 use crate::ray::Ray;
-use crate::reading::Reading;
-#[cfg(target_arch = "x86_64")]
-use crate::sample::Avx2;
-use crate::sample::{Brick, Code, Code8, Code16, Float32, Portable, SampleChunk};
+use crate::sample::{Brick, Code, SampleChunk};
 use crate::stretch::{March, Stretch};
 use crate::surface::Isosurface;
 use crate::tiles::{PIXELS, Tile, place, places};
-use brickyard_volume::sampling::Curve;
-use brickyard_volume::{Filter, Method, Mode, SlotFormat};
+use crate::unit::{Choice, Unit};
+use brickyard_volume::Mode;
 use glam::Vec4;
 use std::ops::Range;
 
 /// The result of a tile's rays: premultiplied colour and transmitted light.
 pub(crate) type Seen = [Vec4; PIXELS];
 
-/// Takes a tile's rays through one volume's layer, between layers of meshes if any.
-type MarchRays = fn(Sampler, &Frame<'_>, &Tile, Option<&MeshLayers>, &mut Work, &mut Seen);
-
-/// The sampling of a cell's brick: two functions of one code width.
-#[derive(Clone, Copy)]
-struct Sampler {
-    /// The cell and its brick, checked against the code width.
-    through: for<'a> fn(&'a Frame<'a>, &'a Cell<'a>) -> March<'a>,
-    /// Adds some segments of a stretch through such a cell to the ray's sum.
-    take: fn(&March<'_>, &Stretch, &mut Ray, &mut SampleChunk, Range<i32>),
-}
-
 /// The loop and the sampler for one volume's layer.
+#[derive(Clone, Copy)]
 pub(crate) struct MarchTile {
-    march: MarchRays,
-    sampler: Sampler,
+    /// Takes a tile's rays through the layer, between layers of meshes if any.
+    march: fn(Self, &Frame<'_>, &Tile, Option<&MeshLayers>, &mut Work, &mut Seen),
+    /// A cell's brick, checked against the width of its codes.
+    brick: for<'a> fn(&Frame<'_>, &Cell<'a>) -> Brick<'a>,
+    /// Adds some segments of a stretch through such a brick to the ray's sum.
+    take: fn(&March<'_>, &mut Ray, &mut SampleChunk, Range<i32>),
 }
 
 impl MarchTile {
+    fn new<C: Code, U: Unit, B: Accumulate>() -> Self {
+        Self { march: march::<U, B>, brick: |frame, cell| frame.brick::<C>(cell), take: take::<C, U, B> }
+    }
+
     pub(crate) fn march(
         &self,
         frame: &Frame<'_>,
@@ -51,102 +44,53 @@ impl MarchTile {
         work: &mut Work,
         seen: &mut Seen,
     ) {
-        (self.march)(self.sampler, frame, tile, layers, work, seen);
+        (self.march)(*self, frame, tile, layers, work, seen);
     }
 }
 
-/// Chooses the march for this frame's layer on this machine.
-pub(crate) fn for_frame(frame: &Frame<'_>) -> MarchTile {
-    fn with_code<C: Code, const INVALID: bool>(frame: &Frame<'_>) -> MarchTile {
-        let method = frame.settings.method();
-        let is_bare = !frame.is_lit && frame.grid.is_none();
-        let is_plain = method == Method::Udvr && frame.reading != Reading::Filtered(Filter::Tricubic) && is_bare;
-        match frame.settings.mode {
-            Mode::Isosurface if frame.is_one_opaque_surface => for_machine::<C, Isosurface, INVALID>(),
-            Mode::Isosurface => for_machine::<C, Medium<true>, INVALID>(),
-            Mode::Dvr if !frame.settings.surfaces.is_empty() => for_machine::<C, Medium<true>, INVALID>(),
-            Mode::Dvr if is_plain || is_lit_plainly(frame) => for_machine::<C, Dvr, INVALID>(),
-            Mode::Dvr if method.curve() == Curve::Middle => for_machine::<C, Medium<false>, INVALID>(),
-            Mode::Dvr => for_machine::<C, Medium<true>, INVALID>(),
-            Mode::Mip => for_machine::<C, Mip, INVALID>(),
-            Mode::MinIp => for_machine::<C, MinIp, INVALID>(),
-            Mode::Average => for_machine::<C, Average, INVALID>(),
+/// The march for this frame's layer, drawn alone.
+impl Choice for &Frame<'_> {
+    type Chosen = MarchTile;
+
+    fn of<C: Code, U: Unit>(self) -> MarchTile {
+        match self.settings.mode {
+            Mode::Isosurface if self.is_one_opaque_surface => MarchTile::new::<C, U, Isosurface>(),
+            Mode::Dvr if self.is_sampled_in_packets() => MarchTile::new::<C, U, Dvr>(),
+            Mode::Dvr if !self.needs_ends() => MarchTile::new::<C, U, Medium<false>>(),
+            Mode::Dvr | Mode::Isosurface => MarchTile::new::<C, U, Medium<true>>(),
+            Mode::Mip => MarchTile::new::<C, U, Mip>(),
+            Mode::MinIp => MarchTile::new::<C, U, MinIp>(),
+            Mode::Average => MarchTile::new::<C, U, Average>(),
         }
     }
-    let encoding = &frame.settings.encoding;
-    match (encoding.format, encoding.has_invalid) {
-        (SlotFormat::U8, false) => with_code::<Code8, false>(frame),
-        (SlotFormat::U8, true) => with_code::<Code8, true>(frame),
-        (SlotFormat::U16, false) => with_code::<Code16, false>(frame),
-        (SlotFormat::U16, true) => with_code::<Code16, true>(frame),
-        // One function for both: testing a voxel for a value costs little beside the fetch.
-        (SlotFormat::F32, _) => with_code::<Float32, true>(frame),
-    }
 }
 
-fn for_machine<C: Code, B: Accumulate, const INVALID: bool>() -> MarchTile {
-    #[cfg(target_arch = "x86_64")]
-    if std::arch::is_x86_feature_detected!("avx2") {
-        return MarchTile {
-            // SAFETY: the machine has AVX2.
-            march: |sampler, frame, tile, layers, work, seen| unsafe {
-                march_avx2::<B>(sampler, frame, tile, layers, work, seen);
-            },
-            sampler: Sampler {
-                through: through::<C>,
-                // SAFETY: the machine has AVX2.
-                take: |march, stretch, ray, chunk, segments| unsafe {
-                    take_avx2::<C, B, INVALID>(march, stretch, ray, chunk, segments);
-                },
-            },
-        };
-    }
-    portable::<C, B, INVALID>()
-}
-
-fn portable<C: Code, B: Accumulate, const INVALID: bool>() -> MarchTile {
-    MarchTile { march: march::<B>, sampler: Sampler { through: through::<C>, take: B::take::<C, Portable, INVALID> } }
-}
-
-fn through<'a, C: Code>(frame: &'a Frame<'a>, cell: &'a Cell<'a>) -> March<'a> {
-    March { frame, cell, brick: Brick::new::<C>(cell.brick.voxels(), frame.edge + 2 * frame.apron, frame.map) }
-}
-
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2")]
-fn take_avx2<C: Code, B: Accumulate, const INVALID: bool>(
+fn take<C: Code, U: Unit, B: Accumulate>(
     march: &March<'_>,
-    stretch: &Stretch,
     ray: &mut Ray,
     chunk: &mut SampleChunk,
     segments: Range<i32>,
 ) {
-    B::take::<C, Avx2, INVALID>(march, stretch, ray, chunk, segments);
+    U::call(
+        (ray, chunk),
+        #[inline(always)]
+        move |(ray, chunk)| B::take::<C, U>(march, ray, chunk, segments),
+    );
 }
 
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2")]
-fn march_avx2<B: Accumulate>(
-    sampler: Sampler,
+fn march<U: Unit, B: Accumulate>(
+    sampler: MarchTile,
     frame: &Frame<'_>,
     tile: &Tile,
     layers: Option<&MeshLayers>,
     work: &mut Work,
     seen: &mut Seen,
 ) {
-    march::<B>(sampler, frame, tile, layers, work, seen);
-}
-
-#[inline(always)]
-fn march<B: Accumulate>(
-    sampler: Sampler,
-    frame: &Frame<'_>,
-    tile: &Tile,
-    layers: Option<&MeshLayers>,
-    work: &mut Work,
-    seen: &mut Seen,
-) {
-    work.march::<B>(sampler, frame, tile, layers);
+    U::call(
+        &mut *work,
+        #[inline(always)]
+        |work| work.march::<B>(sampler, frame, tile, layers),
+    );
     for i in places(tile) {
         seen[i] = B::seen(frame, work.rays[i].sum);
     }
@@ -169,7 +113,13 @@ impl Work {
     }
 
     #[inline(always)]
-    fn march<B: Accumulate>(&mut self, sampler: Sampler, frame: &Frame<'_>, tile: &Tile, layers: Option<&MeshLayers>) {
+    fn march<B: Accumulate>(
+        &mut self,
+        sampler: MarchTile,
+        frame: &Frame<'_>,
+        tile: &Tile,
+        layers: Option<&MeshLayers>,
+    ) {
         let Self { rays, chunk, queue } = self;
         let mut waiting = 0;
         for y in tile.y0..tile.y1 {
@@ -258,7 +208,7 @@ impl Queue {
     #[inline(always)]
     fn march<B: Accumulate>(
         &mut self,
-        sampler: Sampler,
+        sampler: MarchTile,
         frame: &Frame<'_>,
         cell: &Cell<'_>,
         rays: &mut [Ray; PIXELS],
@@ -275,19 +225,20 @@ impl Queue {
                 look::<B>(stretch, (frame, cell), ray.sum, &mut self.boxes);
             }
         }
-        let march = (sampler.through)(frame, cell);
+        let brick = (sampler.brick)(frame, cell);
         let mut ended = 0;
-        for stretch in stretches {
+        for stretch in &*stretches {
             if stretch.count > LONG && frame.is_given_up() {
                 break;
             }
             let ray = &mut rays[stretch.ray];
             let mut seen = stretch.seen;
+            let march = March { frame, cell, brick, stretch };
             // A ray may have several stretches. Neighbouring blocks are sampled together.
             while !B::is_final(frame, ray.sum)
                 && let Some(segments) = stretch.next_seen(&mut seen)
             {
-                (sampler.take)(&march, stretch, ray, chunk, segments);
+                (sampler.take)(&march, ray, chunk, segments);
                 if B::is_final(frame, ray.sum) {
                     ended += (ray.cursor < ray.end) as u32;
                     ray.cursor = ray.end;
@@ -325,8 +276,10 @@ mod tests {
     use crate::frame::Resident;
     use crate::medium::Medium;
     use crate::modes::Accumulate;
+    use crate::sample::{Code8, Code16, Float32};
     use crate::surface::Isosurface;
     use crate::tiles::TILE_PX;
+    use crate::unit::Portable;
     use brickyard_pager::{DrawCell, DrawList, PixelShare, Slot};
     use brickyard_volume::macrocells::MacroCells;
     use brickyard_volume::slot_encoding::INVALID_SLOT;
@@ -334,18 +287,18 @@ mod tests {
     use glam::DVec3;
 
     /// Checks that all vector units draw the same picture.
-    fn same_on_all_units<C: Code, B: Accumulate, const INVALID: bool>(mode: Mode, surfaces: &[f64]) {
-        same_when_lit::<C, B, INVALID>(mode, surfaces, Lighting::default());
+    fn same_on_all_units<C: Code, B: Accumulate>(mode: Mode, surfaces: &[f64]) {
+        same_when_lit::<C, B>(mode, surfaces, Lighting::default());
     }
 
-    fn same_when_lit<C: Code, B: Accumulate, const INVALID: bool>(mode: Mode, surfaces: &[f64], lighting: Lighting) {
+    fn same_when_lit<C: Code, B: Accumulate>(mode: Mode, surfaces: &[f64], lighting: Lighting) {
         let voxel_type = [VoxelType::U8, VoxelType::U16, VoxelType::F32][C::BYTES / 2];
         // Less than half of the codes, around the visible values, so that codes are not counted from 0.
         let share = if mode == Mode::MinIp { [0.05, 0.5] } else { [0.4, 0.88] };
         let most = [255.0, 65535.0, 250.0][C::BYTES / 2];
         let window = Some(Window::of(share.map(|share| share * most)));
         let mut encoding = SlotEncoding::new(voxel_type, (0.0, 1e9), false).for_window(window, KeptSlots::default());
-        encoding.has_invalid = INVALID;
+        encoding.has_invalid = C::INVALID;
         let transfer = TransferFunction::preset("viridis", encoding.table_values().into(), 3.0).unwrap();
         let projection = Projection::Perspective { fov_y_deg: 40.0 };
         let camera = Camera { eye: DVec3::new(-20.0, 3.0, 9.0), target: DVec3::splat(7.0), up: DVec3::Z, projection };
@@ -383,7 +336,7 @@ mod tests {
             true => (0..padded.pow(3)).map(noise).flat_map(|byte| number(byte).to_le_bytes()).collect(),
             false => (0..padded.pow(3) * C::BYTES).map(noise).collect(),
         };
-        let cells = MacroCells::new(&codes, encoding.format, INVALID, 16, needs);
+        let cells = MacroCells::new(&codes, encoding.format, C::INVALID, 16, needs);
         let resident = Resident::new(codes.clone(), codes.len(), cells);
         let brick = BrickId { time: 0, channel: 0, level: Level(0), index: BrickIndex::default() };
         let region = pyramid.brick_box_voxel(brick.level, brick.index);
@@ -397,32 +350,32 @@ mod tests {
             march.march(&frame, &tile, None, &mut Work::new(), &mut seen);
             seen.map(|color| color.to_array().map(f32::to_bits))
         };
-        let portable = drawn(portable::<C, B, INVALID>());
+        let portable = drawn(MarchTile::new::<C, Portable, B>());
         assert!(portable.iter().collect::<std::collections::BTreeSet<_>>().len() > 50, "a flat picture proves nothing");
-        assert_eq!(portable, drawn(for_frame(&frame)), "{mode:?}");
+        assert_eq!(portable, drawn(frame.for_machine(&encoding)), "{mode:?}");
     }
 
     #[test]
     fn all_vector_units_draw_the_same() {
-        same_on_all_units::<Code8, Dvr, false>(Mode::Dvr, &[]);
-        same_on_all_units::<Code16, Dvr, true>(Mode::Dvr, &[]);
-        same_on_all_units::<Code8, Mip, true>(Mode::Mip, &[]);
-        same_on_all_units::<Code16, MinIp, true>(Mode::MinIp, &[]);
-        same_on_all_units::<Code16, Average, false>(Mode::Average, &[]);
-        same_on_all_units::<Code8, Medium<true>, false>(Mode::Dvr, &[0.4]);
-        same_on_all_units::<Code16, Medium<true>, true>(Mode::Isosurface, &[0.3, 0.5]);
-        same_on_all_units::<Code8, Isosurface, false>(Mode::Isosurface, &[0.4]);
-        same_on_all_units::<Code16, Isosurface, true>(Mode::Isosurface, &[0.4]);
-        same_on_all_units::<Float32, Dvr, true>(Mode::Dvr, &[]);
-        same_on_all_units::<Float32, Mip, true>(Mode::Mip, &[]);
-        same_on_all_units::<Float32, Average, true>(Mode::Average, &[]);
-        same_on_all_units::<Float32, Medium<true>, true>(Mode::Isosurface, &[0.3, 0.5]);
+        same_on_all_units::<Code8<false>, Dvr>(Mode::Dvr, &[]);
+        same_on_all_units::<Code16<true>, Dvr>(Mode::Dvr, &[]);
+        same_on_all_units::<Code8<true>, Mip>(Mode::Mip, &[]);
+        same_on_all_units::<Code16<true>, MinIp>(Mode::MinIp, &[]);
+        same_on_all_units::<Code16<false>, Average>(Mode::Average, &[]);
+        same_on_all_units::<Code8<false>, Medium<true>>(Mode::Dvr, &[0.4]);
+        same_on_all_units::<Code16<true>, Medium<true>>(Mode::Isosurface, &[0.3, 0.5]);
+        same_on_all_units::<Code8<false>, Isosurface>(Mode::Isosurface, &[0.4]);
+        same_on_all_units::<Code16<true>, Isosurface>(Mode::Isosurface, &[0.4]);
+        same_on_all_units::<Float32, Dvr>(Mode::Dvr, &[]);
+        same_on_all_units::<Float32, Mip>(Mode::Mip, &[]);
+        same_on_all_units::<Float32, Average>(Mode::Average, &[]);
+        same_on_all_units::<Float32, Medium<true>>(Mode::Isosurface, &[0.3, 0.5]);
         for model in [LightingModel::Phong, LightingModel::BlinnPhong, LightingModel::Tone] {
             for lights in [vec![], vec![DVec3::new(-9.0, 30.0, 4.0), DVec3::splat(40.0)]] {
                 let lighting = Lighting { model, lights, ..Lighting::default() };
-                same_when_lit::<Code8, Dvr, false>(Mode::Dvr, &[], lighting.clone());
-                same_when_lit::<Code16, Dvr, true>(Mode::Dvr, &[], lighting.clone());
-                same_when_lit::<Float32, Dvr, true>(Mode::Dvr, &[], lighting);
+                same_when_lit::<Code8<false>, Dvr>(Mode::Dvr, &[], lighting.clone());
+                same_when_lit::<Code16<true>, Dvr>(Mode::Dvr, &[], lighting.clone());
+                same_when_lit::<Float32, Dvr>(Mode::Dvr, &[], lighting);
             }
         }
     }

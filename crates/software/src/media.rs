@@ -2,6 +2,7 @@
 
 use crate::mixture::{LayerMedium, LayerMediumChunk, Mixed, OPAQUE, Passage};
 use crate::packet::{CHUNK, LANES};
+use crate::sample::SampleChunk;
 use brickyard_volume::Combination;
 use brickyard_volume::surface::{Meeting, sort_met};
 use glam::{DVec3, Vec4, Vec4Swizzles};
@@ -12,6 +13,8 @@ const PLACES: usize = CHUNK + LANES;
 
 /// Media of a chunk of segments, of all layers, with working memory.
 pub(crate) struct Media {
+    /// The samples of the layer being gathered.
+    pub(crate) chunk: SampleChunk,
     /// The joint media of each segment. They transmit `exp(-depth)` of the light.
     pub(crate) mixed: [Mixed; PLACES],
     /// Whether any segment of the chunk may have a medium.
@@ -59,6 +62,7 @@ impl Media {
     /// surfaces.
     pub(crate) fn new(read: usize, is_lit: bool, has_surfaces: bool) -> Self {
         Self {
+            chunk: SampleChunk::EMPTY,
             mixed: [Mixed::NONE; PLACES],
             is_any: false,
             end: CHUNK,
@@ -175,24 +179,4 @@ impl Found {
         }
         passage.pass(&[mixed], light, &mut [0.0])
     }
-}
-
-/// A function like [`Media::see`] for this machine's vector unit.
-pub(crate) struct See(pub(crate) fn(&mut Media, usize, Vec4) -> Vec4);
-
-impl See {
-    pub(crate) fn for_machine() -> Self {
-        #[cfg(target_arch = "x86_64")]
-        if std::arch::is_x86_feature_detected!("avx2") {
-            // SAFETY: the machine has AVX2.
-            return Self(|media, count, light| unsafe { see_avx2(media, count, light) });
-        }
-        Self(Media::see)
-    }
-}
-
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2")]
-fn see_avx2(media: &mut Media, count: usize, light: Vec4) -> Vec4 {
-    media.see(count, light)
 }

@@ -1,26 +1,22 @@
 //! Direct volume rendering by every method but the plain one, with isosurfaces in fog or alone.
 
-use crate::frame::{Cell, Frame};
+use crate::frame::Cell;
 use crate::macrocells::{Coverage, Mask, Reach};
 use crate::modes::Accumulate;
 use crate::path::Path;
 use crate::pieces::Pieces;
 use crate::ray::{FAINTEST, NO_RANK, Ray};
 use crate::row::{Passed, Row};
-use crate::sample::{Code, SampleChunk, Unit};
-use crate::stretch::{March, Stretch};
+use crate::sample::{Code, SampleChunk};
+use crate::stretch::March;
+use crate::unit::Unit;
 use brickyard_volume::Mode;
-use glam::Vec4;
 use std::ops::Range;
 
-/// The mode of emission and absorption: a ray's sum is premultiplied colour and transmittance. With `ENDS`, segments
-/// are examined from end to end, and searched for surfaces.
+/// The mode of emission and absorption. With `ENDS`, segments are examined from end to end, and searched for surfaces.
 pub(crate) struct Medium<const ENDS: bool>;
 
 impl<const ENDS: bool> Accumulate for Medium<ENDS> {
-    const START: Vec4 = Vec4::W;
-    const FRONT_TO_BACK: bool = true;
-    const OCCLUDES: bool = true;
     const REACH: Reach = if ENDS { Reach::Ends } else { Reach::Middles };
 
     #[inline(always)]
@@ -35,51 +31,36 @@ impl<const ENDS: bool> Accumulate for Medium<ENDS> {
     }
 
     #[inline(always)]
-    fn take<C: Code, U: Unit, const INVALID: bool>(
-        march: &March<'_>,
-        stretch: &Stretch,
-        ray: &mut Ray,
-        chunk: &mut SampleChunk,
-        segments: Range<i32>,
-    ) {
-        let path = Path::new(march, stretch, ray);
+    fn take<C: Code, U: Unit>(march: &March<'_>, ray: &mut Ray, chunk: &mut SampleChunk, segments: Range<i32>) {
+        let path = Path::new(march, ray);
         if !ENDS {
-            return take::<C, U, INVALID>(&path, ray, segments, &mut chunk.media);
+            return take::<C, U>(&path, ray, segments, &mut chunk.media);
         }
-        stretch.reach(ray, &segments, INVALID && march.frame.settings.encoding.has_invalid);
+        march.stretch.reach(ray, &segments, C::INVALID && march.frame.settings.encoding.has_invalid);
         let has_fog = march.frame.settings.mode == Mode::Dvr;
-        let mut pieces = Pieces::new(march, stretch, path, segments);
+        let mut pieces = Pieces::new(march, path, segments);
         while !Self::is_final(march.frame, ray.sum)
-            && let Some(piece) = pieces.next::<C, U, INVALID>(ray)
+            && let Some(piece) = pieces.next::<C, U>(ray)
         {
             if has_fog {
-                take::<C, U, INVALID>(&piece.path, ray, piece.segments, &mut chunk.media);
+                take::<C, U>(&piece.path, ray, piece.segments, &mut chunk.media);
             }
             if let Some(crossing) = piece.surface {
-                let shown = path.surface::<C, U, INVALID>(crossing);
+                let shown = path.surface::<C, U>(crossing);
                 let light = ray.sum.w;
                 let color = ray.sum.truncate() + shown.truncate() * (light * shown.w);
                 ray.sum = color.extend(light * (1.0 - shown.w));
             }
         }
     }
-
-    #[inline(always)]
-    fn is_final(_: &Frame<'_>, sum: Vec4) -> bool {
-        sum.w < FAINTEST
-    }
-
-    fn seen(_: &Frame<'_>, sum: Vec4) -> Vec4 {
-        sum
-    }
 }
 
 /// Takes segments until nothing behind them is visible.
 #[inline(always)]
-fn take<C: Code, U: Unit, const INVALID: bool>(path: &Path<'_>, ray: &mut Ray, segments: Range<i32>, media: &mut Row) {
+fn take<C: Code, U: Unit>(path: &Path<'_>, ray: &mut Ray, segments: Range<i32>, media: &mut Row) {
     let mut next = segments.start;
     while next < segments.end && ray.sum.w >= FAINTEST {
-        next = path.row::<C, U, INVALID>(next..segments.end, media);
+        next = path.row::<C, U>(next..segments.end, media);
         for Passed { color, depth, length, .. } in media.drain(..) {
             let left = (-depth * length).exp2() as f32;
             let light = ray.sum.w;

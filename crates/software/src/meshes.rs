@@ -5,8 +5,8 @@
 //! and searches the tree once for each. The tree is built when the meshes change, by all threads, in n log n.
 
 use crate::ray::FAINTEST;
-use crate::tiles::{PIXELS, TILE_PX, Tile};
-use brickyard_volume::{FrameSettings, Mesh, MeshCapacity, Ray, ShownMesh, ViewRays, mesh};
+use crate::tiles::{PIXELS, TILE_PX, Tile, place};
+use brickyard_volume::{FrameSettings, Mesh, MeshCapacity, PixelRect, Ray, ShownMesh, ViewRays, mesh};
 use glam::{DVec3, Vec4};
 use std::sync::Arc;
 
@@ -230,10 +230,10 @@ impl MeshLayers {
 
     /// Intersects a triangle with the rays that may meet it.
     fn meet(&mut self, view: &ViewRays, tile: &Tile, corners: [DVec3; 3], number: u32) {
-        let Some([x0, x1, y0, y1]) = pixels(view, tile, corners) else { return };
+        let Some(PixelRect { x0, x1, y0, y1 }) = pixels(view, *tile, corners) else { return };
         for y in y0..y1 {
             for x in x0..x1 {
-                let i = ((y - tile.y0) * TILE_PX + x - tile.x0) as usize;
+                let i = place(tile, x, y);
                 if self.front[i].w < FAINTEST {
                     continue;
                 }
@@ -275,20 +275,22 @@ impl MeshLayers {
     }
 }
 
-/// The tile's pixels whose rays may meet a triangle, with a pixel to spare on each side.
-fn pixels(rays: &ViewRays, tile: &Tile, corners: [DVec3; 3]) -> Option<[u32; 4]> {
+/// The pixels among `within` whose rays may meet the convex hull of these corners, with a pixel to spare on each side;
+/// `None` if there are none.
+pub(crate) fn pixels<const N: usize>(rays: &ViewRays, within: PixelRect, corners: [DVec3; N]) -> Option<PixelRect> {
     let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
     for corner in corners {
-        let Some(place) = rays.pixel(corner) else { return Some([tile.x0, tile.x1, tile.y0, tile.y1]) };
+        // Partly behind the eye: the outline is unbounded.
+        let Some(place) = rays.pixel(corner) else { return Some(within) };
         for k in 0..2 {
             (low[k], high[k]) = (low[k].min(place[k]), high[k].max(place[k]));
         }
     }
-    // Casts saturate: far outside becomes the tile's edge.
+    // Casts saturate: far outside becomes the edge.
     let range = |k: usize, from: u32, to: u32| {
         let first = ((low[k] - 1.0).floor() as u32).clamp(from, to);
         (first, ((high[k] + 1.0).ceil() as u32).clamp(first, to))
     };
-    let ((x0, x1), (y0, y1)) = (range(0, tile.x0, tile.x1), range(1, tile.y0, tile.y1));
-    (x0 < x1 && y0 < y1).then_some([x0, x1, y0, y1])
+    let ((x0, x1), (y0, y1)) = (range(0, within.x0, within.x1), range(1, within.y0, within.y1));
+    (x0 < x1 && y0 < y1).then_some(PixelRect { x0, x1, y0, y1 })
 }

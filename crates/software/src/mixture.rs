@@ -3,7 +3,7 @@
 
 use crate::packet::{CHUNK, exp2};
 use crate::row::Passed;
-use crate::sample::Unit;
+use crate::unit::Unit;
 use brickyard_volume::Blend;
 use glam::{Vec3, Vec4, Vec4Swizzles};
 

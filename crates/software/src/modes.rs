@@ -10,28 +10,33 @@ use crate::macrocells::{Coverage, Reach};
 use crate::packet::{CHUNK, LANES, PACKETS, Packet, exp2, log2};
 use crate::ray::{FAINTEST, Ray};
 use crate::reading::Reading;
-use crate::sample::{Code, SampleChunk, Unit};
+use crate::sample::{Code, SampleChunk};
 use crate::steps::StepTable;
-use crate::stretch::{March, Stretch};
+use crate::stretch::March;
 use crate::transfer_table::Entries;
+use crate::unit::Unit;
 use brickyard_volume::Extreme;
 use glam::{Vec4, Vec4Swizzles};
 use std::ops::Range;
 
-/// A mode: how a ray's samples become a pixel.
+/// A mode: how a ray's samples become a pixel. By default, light passes through a medium: a ray's sum is premultiplied
+/// colour and transmittance.
 pub(crate) trait Accumulate {
     /// A ray's sum before its first sample.
-    const START: Vec4;
+    const START: Vec4 = Vec4::W;
+
+    /// The projected extreme; `None` if the mode projects none.
+    const EXTREME: Option<Extreme> = None;
 
     /// Whether cells are taken front to back, and each segment once. If not, the order does not matter, and the most
     /// promising bricks come first.
-    const FRONT_TO_BACK: bool;
+    const FRONT_TO_BACK: bool = Self::EXTREME.is_none();
 
     /// Whether segments are examined in their middles or from end to end.
     const REACH: Reach = Reach::Middles;
 
     /// Whether nearer samples take light from farther ones. If so, the sum's last component is the remaining light.
-    const OCCLUDES: bool = false;
+    const OCCLUDES: bool = true;
 
     /// How much of a cell's brick can change a ray's sum. By default the coverage of the cell's mask, for all rays.
     #[inline(always)]
@@ -49,57 +54,42 @@ pub(crate) trait Accumulate {
         unsafe { cell.mask.seen(boxes) }
     }
 
-    /// Adds some segments of a stretch to the ray's sum, or fewer if nothing behind those is visible.
-    fn take<C: Code, U: Unit, const INVALID: bool>(
-        march: &March<'_>,
-        stretch: &Stretch,
-        ray: &mut Ray,
-        chunk: &mut SampleChunk,
-        segments: Range<i32>,
-    );
+    /// Adds some segments of a stretch to the ray's sum, or fewer if nothing behind those is visible. By default they
+    /// are sampled in their middles, a chunk at a time.
+    #[inline(always)]
+    fn take<C: Code, U: Unit>(march: &March<'_>, ray: &mut Ray, chunk: &mut SampleChunk, segments: Range<i32>) {
+        let March { frame, cell, brick, stretch } = march;
+        let mut done = segments.start;
+        while done < segments.end && !Self::is_final(frame, ray.sum) {
+            stretch.place_samples(frame, ray, chunk, done..segments.end, C::INVALID);
+            match Self::EXTREME.zip(cell.box_reach) {
+                Some((extreme, reach)) => {
+                    let (origin, step, whole) = (stretch.origin, stretch.step, stretch.weight(frame));
+                    brick.read_boxes::<C, U>(extreme, &Segments { origin, step, whole, reach }, chunk);
+                }
+                None => brick.read::<C, U>(frame.reading, stretch.origin, stretch.step, chunk),
+            }
+            ray.sum = Self::add::<C, U>(march, ray, chunk);
+            done += CHUNK as i32;
+        }
+    }
+
+    /// Returns a ray's sum with the samples of a chunk, for the default [`Accumulate::take`].
+    #[inline(always)]
+    fn add<C: Code, U: Unit>(_: &March<'_>, ray: &Ray, _: &mut SampleChunk) -> Vec4 {
+        ray.sum
+    }
 
     /// Whether no further sample can change the result of this sum.
-    fn is_final(frame: &Frame<'_>, sum: Vec4) -> bool;
+    #[inline(always)]
+    fn is_final(_: &Frame<'_>, sum: Vec4) -> bool {
+        sum.w < FAINTEST
+    }
 
     /// The result of a ray with this sum: premultiplied colour and transmitted light.
-    fn seen(frame: &Frame<'_>, sum: Vec4) -> Vec4;
-}
-
-/// A mode that samples segments in their middles.
-pub(crate) trait Sum: Accumulate {
-    /// The projected extreme; `None` if the mode projects none.
-    const EXTREME: Option<Extreme> = None;
-
-    fn add<C: Code>(frame: &Frame<'_>, sum: Vec4, chunk: &mut SampleChunk) -> Vec4;
-}
-
-/// Adds the samples of some segments of a stretch, or fewer if nothing behind those is visible.
-#[inline(always)]
-fn add<C: Code, B: Sum, U: Unit, const INVALID: bool>(
-    March { frame, cell, brick }: &March<'_>,
-    stretch: &Stretch,
-    ray: &mut Ray,
-    chunk: &mut SampleChunk,
-    Range { start: from, end: to }: Range<i32>,
-) {
-    let mut sum = ray.sum;
-    let mut done = from;
-    while done < to {
-        stretch.place_samples::<INVALID>(frame, ray, chunk, done..to);
-        match B::EXTREME.zip(cell.box_reach) {
-            Some((extreme, reach)) => {
-                let (origin, step, whole) = (stretch.origin, stretch.step, stretch.weight(frame));
-                brick.read_boxes::<C, U, INVALID>(extreme, &Segments { origin, step, whole, reach }, chunk);
-            }
-            None => brick.read::<C, U, INVALID>(frame.reading, stretch.origin, stretch.step, chunk),
-        }
-        sum = B::add::<C>(frame, sum, chunk);
-        if B::is_final(frame, sum) {
-            break;
-        }
-        done += CHUNK as i32;
+    fn seen(_: &Frame<'_>, sum: Vec4) -> Vec4 {
+        sum
     }
-    ray.sum = sum;
 }
 
 /// The mode of emission and absorption, lit or not: a ray's sum is premultiplied colour and transmittance.
@@ -174,7 +164,10 @@ impl Dvr {
     fn look_up(frame: &Frame<'_>, chunk: &mut SampleChunk) -> u32 {
         let (entries, packets, mut shows) = (Entries::of(frame), chunk.packets.min(PACKETS), 0u32);
         for p in 0..packets {
-            let position = entries.positions(frame, &chunk.code[p]);
+            let mut position = chunk.code[p];
+            for i in 0..LANES {
+                position[i] *= frame.positions_per_code;
+            }
             if frame.shows(&position) {
                 shows |= 1 << p;
                 for i in 0..LANES {
@@ -195,47 +188,13 @@ impl Dvr {
 }
 
 impl Accumulate for Dvr {
-    const START: Vec4 = Vec4::W;
-    const FRONT_TO_BACK: bool = true;
-    const OCCLUDES: bool = true;
-
     #[inline(always)]
-    fn take<C: Code, U: Unit, const INVALID: bool>(
-        march: &March<'_>,
-        stretch: &Stretch,
-        ray: &mut Ray,
-        chunk: &mut SampleChunk,
-        segments: Range<i32>,
-    ) {
-        let March { frame, brick, .. } = march;
-        if !frame.is_lit {
-            return add::<C, Self, U, INVALID>(march, stretch, ray, chunk, segments);
-        }
-        let mut done = segments.start;
-        while done < segments.end && !Self::is_final(frame, ray.sum) {
-            stretch.place_samples::<INVALID>(frame, ray, chunk, done..segments.end);
-            brick.read::<C, U, INVALID>(frame.reading, stretch.origin, stretch.step, chunk);
+    fn add<C: Code, U: Unit>(march: &March<'_>, ray: &Ray, chunk: &mut SampleChunk) -> Vec4 {
+        let (frame, sum) = (march.frame, ray.sum);
+        if frame.is_lit {
             let shows = Self::classify::<C>(frame, chunk);
-            if shows != 0 {
-                ray.sum = lit::see::<C, U, INVALID>(march, stretch, ray, chunk, shows);
-            }
-            done += CHUNK as i32;
+            return if shows != 0 { lit::see::<C, U>(march, ray, chunk, shows) } else { sum };
         }
-    }
-
-    #[inline(always)]
-    fn is_final(_: &Frame<'_>, sum: Vec4) -> bool {
-        sum.w < FAINTEST
-    }
-
-    fn seen(_: &Frame<'_>, sum: Vec4) -> Vec4 {
-        sum
-    }
-}
-
-impl Sum for Dvr {
-    #[inline(always)]
-    fn add<C: Code>(frame: &Frame<'_>, sum: Vec4, chunk: &mut SampleChunk) -> Vec4 {
         if C::BYTES == 1
             && chunk.whole_steps > 0
             && let Some(table) = frame.steps.zone(chunk.zone)
@@ -279,7 +238,8 @@ impl<const GREATEST: bool> ExtremeProjection<GREATEST> {
 
 impl<const GREATEST: bool> Accumulate for ExtremeProjection<GREATEST> {
     const START: Vec4 = if GREATEST { Vec4::NEG_ONE } else { Vec4::MAX };
-    const FRONT_TO_BACK: bool = false;
+    const EXTREME: Option<Extreme> = Some(if GREATEST { Extreme::Greatest } else { Extreme::Least });
+    const OCCLUDES: bool = false;
 
     #[inline(always)]
     fn coverage(cell: &Cell<'_>, ray: &Ray) -> Coverage {
@@ -300,32 +260,8 @@ impl<const GREATEST: bool> Accumulate for ExtremeProjection<GREATEST> {
     }
 
     #[inline(always)]
-    fn take<C: Code, U: Unit, const INVALID: bool>(
-        march: &March<'_>,
-        stretch: &Stretch,
-        ray: &mut Ray,
-        chunk: &mut SampleChunk,
-        segments: Range<i32>,
-    ) {
-        add::<C, Self, U, INVALID>(march, stretch, ray, chunk, segments);
-    }
-
-    #[inline(always)]
-    fn is_final(frame: &Frame<'_>, sum: Vec4) -> bool {
-        if GREATEST { sum.x >= frame.last_code } else { sum.x <= 0.0 }
-    }
-
-    fn seen(frame: &Frame<'_>, sum: Vec4) -> Vec4 {
-        let is_any = if GREATEST { sum.x >= 0.0 } else { sum.x < f32::MAX };
-        opaque(frame, is_any.then_some(sum.x))
-    }
-}
-
-impl<const GREATEST: bool> Sum for ExtremeProjection<GREATEST> {
-    const EXTREME: Option<Extreme> = Some(if GREATEST { Extreme::Greatest } else { Extreme::Least });
-
-    #[inline(always)]
-    fn add<C: Code>(frame: &Frame<'_>, mut sum: Vec4, chunk: &mut SampleChunk) -> Vec4 {
+    fn add<C: Code, U: Unit>(march: &March<'_>, ray: &Ray, chunk: &mut SampleChunk) -> Vec4 {
+        let (frame, mut sum) = (march.frame, ray.sum);
         // The greatest shown label; the least has no use.
         if GREATEST && frame.reading == Reading::Label {
             leave_out_hidden(frame, chunk);
@@ -342,6 +278,16 @@ impl<const GREATEST: bool> Sum for ExtremeProjection<GREATEST> {
         sum.x = if Self::beats(best, sum.x) { best } else { sum.x };
         sum
     }
+
+    #[inline(always)]
+    fn is_final(frame: &Frame<'_>, sum: Vec4) -> bool {
+        if GREATEST { sum.x >= frame.last_code } else { sum.x <= 0.0 }
+    }
+
+    fn seen(frame: &Frame<'_>, sum: Vec4) -> Vec4 {
+        let is_any = if GREATEST { sum.x >= 0.0 } else { sum.x < f32::MAX };
+        opaque(frame, is_any.then_some(sum.x))
+    }
 }
 
 /// The mode of the weighted mean: a ray's sum is the sum of weighted codes, then the sum of weights.
@@ -349,17 +295,22 @@ pub(crate) struct Average;
 
 impl Accumulate for Average {
     const START: Vec4 = Vec4::ZERO;
-    const FRONT_TO_BACK: bool = true;
+    const OCCLUDES: bool = false;
 
     #[inline(always)]
-    fn take<C: Code, U: Unit, const INVALID: bool>(
-        march: &March<'_>,
-        stretch: &Stretch,
-        ray: &mut Ray,
-        chunk: &mut SampleChunk,
-        segments: Range<i32>,
-    ) {
-        add::<C, Self, U, INVALID>(march, stretch, ray, chunk, segments);
+    fn add<C: Code, U: Unit>(_: &March<'_>, ray: &Ray, chunk: &mut SampleChunk) -> Vec4 {
+        let mut sum = ray.sum;
+        let (mut codes, mut weights) = (Vec4::ZERO, Vec4::ZERO);
+        for p in 0..chunk.packets.min(PACKETS) {
+            let (code, weight) = (quarters(&chunk.code[p]), quarters(&chunk.weight[p]));
+            for q in 0..LANES / 4 {
+                codes += code[q] * weight[q];
+                weights += weight[q];
+            }
+        }
+        sum.x += codes.element_sum();
+        sum.y += weights.element_sum();
+        sum
     }
 
     #[inline(always)]
@@ -378,23 +329,6 @@ fn mean(sum: Vec4) -> f32 {
     let mean = sum.x / sum.y;
     let whole = mean.round();
     if (mean - whole).abs() <= 4.0 * f32::EPSILON * whole.abs() { whole } else { mean }
-}
-
-impl Sum for Average {
-    #[inline(always)]
-    fn add<C: Code>(_: &Frame<'_>, mut sum: Vec4, chunk: &mut SampleChunk) -> Vec4 {
-        let (mut codes, mut weights) = (Vec4::ZERO, Vec4::ZERO);
-        for p in 0..chunk.packets.min(PACKETS) {
-            let (code, weight) = (quarters(&chunk.code[p]), quarters(&chunk.weight[p]));
-            for q in 0..LANES / 4 {
-                codes += code[q] * weight[q];
-                weights += weight[q];
-            }
-        }
-        sum.x += codes.element_sum();
-        sum.y += weights.element_sum();
-        sum
-    }
 }
 
 /// Zeroes the weight of samples of hidden labels: they hide nothing.

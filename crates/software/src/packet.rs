@@ -12,6 +12,18 @@ pub(crate) const CHUNK: usize = LANES * PACKETS;
 /// One number per sample of a packet.
 pub(crate) type Packet = [f32; LANES];
 
+/// The points `origin + along * step`, axis by axis.
+#[inline(always)]
+pub(crate) fn points(origin: [f32; 3], step: [f32; 3], along: &Packet) -> [Packet; 3] {
+    let mut points = [[0.0; LANES]; 3];
+    for a in 0..3 {
+        for i in 0..LANES {
+            points[a][i] = origin[a] + along[i] * step[a];
+        }
+    }
+    points
+}
+
 /// Adding and subtracting it rounds to a whole number, which is then also in its low bits.
 const ROUND: f32 = 12_582_912.0;
 

@@ -5,19 +5,18 @@
 //! sampled together, and then one segment after the other is classified. A gradient takes a packet of its own (four for
 //! the Sobel operator), and only where there is opacity or, if opacity depends on gradients, may be some.
 
+use crate::differences::{CENTRAL, SOBEL, Tap};
 use crate::gradients::Gradients;
-use crate::packet::{LANES, Packet};
+use crate::packet::{LANES, Packet, points};
 use crate::ray::Ray;
 use crate::reading::Reading;
 use crate::row::{Passed, Row};
-#[cfg(target_arch = "x86_64")]
-use crate::sample::Avx2;
-use crate::sample::{Code, Portable, Unit};
+use crate::sample::Code;
 use crate::shade::{Shade, Shaded};
 use crate::stretch::{March, Stretch};
 use crate::surface::Crossing;
 use crate::transfer_table::Entries;
-use brickyard_volume::lighting::SMOOTH;
+use crate::unit::Unit;
 use brickyard_volume::sampling::{Curve, catmull_rom, cubic};
 use brickyard_volume::surface::FLAT_SHARE;
 use brickyard_volume::{CutFace, Filter, Gradient, Lighting, Medium as Mean, TransferGrid};
@@ -62,9 +61,9 @@ pub(crate) struct Samples {
 
 impl<'a> Path<'a> {
     #[inline(always)]
-    pub(crate) fn new(march: &'a March<'a>, stretch: &'a Stretch, ray: &Ray) -> Self {
-        let March { frame, cell, .. } = march;
-        let (eye, direction) = march.world_ray(ray);
+    pub(crate) fn new(march: &'a March<'a>, ray: &Ray) -> Self {
+        let March { frame, cell, stretch, .. } = march;
+        let (eye, direction) = frame.world_ray(ray);
         let [low, high] = stretch.sampleable(frame.edge + 2 * frame.apron);
         let ticks = &frame.ticks;
         let (mut first_start, mut last_end) = (f32::NEG_INFINITY, f32::INFINITY);
@@ -72,8 +71,7 @@ impl<'a> Path<'a> {
             first_start = stretch.along(ray.ends(ticks, stretch.start).0);
         }
         if stretch.end == ray.end {
-            let tick = stretch.start + (((stretch.count - 1) as u32) << stretch.zone);
-            last_end = stretch.along(ray.ends(ticks, tick).1);
+            last_end = stretch.along(ray.ends(ticks, stretch.tick(stretch.count - 1)).1);
         }
         Self {
             march,
@@ -122,63 +120,39 @@ impl<'a> Path<'a> {
     }
 
     #[inline(always)]
-    pub(crate) fn sample<C: Code, U: Unit, const INVALID: bool>(&self, along: Packet) -> Samples {
-        let (mut points, mut weight) = ([[0.0; LANES]; 3], [1.0; LANES]);
-        for i in 0..LANES {
-            let along = along[i].max(self.low).min(self.high);
-            for a in 0..3 {
-                points[a][i] = self.stretch.origin[a] + along * self.stretch.step[a];
-            }
-        }
+    pub(crate) fn sample<C: Code, U: Unit>(&self, along: Packet) -> Samples {
+        let (points, mut weight) = (self.points(&along), [1.0; LANES]);
         let March { frame, brick, .. } = self.march;
-        let code = brick.read_points::<C, U, INVALID>(frame.reading, &points, &mut weight);
+        let code = brick.read_points::<C, U>(frame.reading, &points, &mut weight);
         Samples { along, code, weight }
     }
 
     /// Appends the media of a row of segments, from the first of `segments` on. Returns the first segment not taken.
     /// Not inlined: it is large, and several callers share it.
     #[inline(always)]
-    pub(crate) fn row<C: Code, U: Unit, const INVALID: bool>(&self, segments: Range<i32>, media: &mut Row) -> i32 {
-        #[cfg(target_arch = "x86_64")]
-        if U::AVX2 {
-            // SAFETY: the machine has AVX2.
-            return unsafe { self.row_avx2::<C, INVALID>(segments, media) };
-        }
-        self.row_portable::<C, INVALID>(segments, media)
-    }
-
-    #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx2")]
-    #[inline(never)]
-    fn row_avx2<C: Code, const INVALID: bool>(&self, segments: Range<i32>, media: &mut Row) -> i32 {
-        self.row_on::<C, Avx2, INVALID>(segments, media)
-    }
-
-    #[inline(never)]
-    fn row_portable<C: Code, const INVALID: bool>(&self, segments: Range<i32>, media: &mut Row) -> i32 {
-        self.row_on::<C, Portable, INVALID>(segments, media)
-    }
-
-    #[inline(always)]
-    fn row_on<C: Code, U: Unit, const INVALID: bool>(&self, segments: Range<i32>, media: &mut Row) -> i32 {
-        match self.march.frame.settings.method().curve() {
-            Curve::Middle => self.middles::<C, U, INVALID>(segments, media),
-            Curve::Line => self.curves::<C, U, INVALID>(segments, 0, media),
-            Curve::Cubic => self.curves::<C, U, INVALID>(segments, 1, media),
-            Curve::Field => self.field::<C, U, INVALID>(segments, media),
-        }
+    pub(crate) fn row<C: Code, U: Unit>(&self, segments: Range<i32>, media: &mut Row) -> i32 {
+        U::call(
+            segments,
+            #[inline(always)]
+            move |segments| match self.march.frame.settings.method().curve() {
+                Curve::Middle => self.middles::<C, U>(segments, media),
+                Curve::Line => self.curves::<C, U>(segments, 0, media),
+                Curve::Cubic => self.curves::<C, U>(segments, 1, media),
+                Curve::Field => self.field::<C, U>(segments, media),
+            },
+        )
     }
 
     /// One sample in the middle of each segment. Returns the first segment not taken.
     #[inline(always)]
-    fn middles<C: Code, U: Unit, const INVALID: bool>(&self, segments: Range<i32>, media: &mut Row) -> i32 {
+    fn middles<C: Code, U: Unit>(&self, segments: Range<i32>, media: &mut Row) -> i32 {
         let count = (segments.end - segments.start).min(LANES as i32);
         let mut along = [0.0; LANES];
         for i in 0..LANES {
             let [a, b] = self.ends(segments.start + i as i32);
             along[i] = 0.5 * (a + b);
         }
-        let row = self.sample::<C, U, INVALID>(along);
+        let row = self.sample::<C, U>(along);
         let (mut shown, mut is_any) = ([const { None }; LANES], false);
         for i in 0..count as usize {
             if row.weight[i] > 0.0 {
@@ -192,7 +166,7 @@ impl<'a> Path<'a> {
         let (mut differences, mut shaded) = ([[0.0; LANES]; 3], Shaded::EMPTY);
         let shade = Shade::new(self.lighting(), self.march.slopes(), self.eye, self.direction, self.cut);
         if self.has_gradients {
-            self.row_differences::<C, U, INVALID>(&along, &row.code, &shown, &mut differences);
+            differences = self.row_differences::<C, U>(&along, &row.code, &shown);
         }
         if self.is_lit {
             let mut distance = [0.0; LANES];
@@ -226,39 +200,33 @@ impl<'a> Path<'a> {
     /// Computes [`Path::differences`] at a packet of places with these codes; only those of visible places need be
     /// right.
     #[inline(always)]
-    fn row_differences<C: Code, U: Unit, const INVALID: bool>(
+    fn row_differences<C: Code, U: Unit>(
         &self,
         along: &Packet,
         code: &Packet,
         shown: &[Option<Shown>; LANES],
-        differences: &mut [Packet; 3],
-    ) {
+    ) -> [Packet; 3] {
         if self.march.frame.reading.of_gradients() == Reading::Filtered(Filter::Trilinear) {
-            let mut points = [[0.0; LANES]; 3];
-            for i in 0..LANES {
-                let place = self.slot_place(along[i]);
-                for a in 0..3 {
-                    points[a][i] = place[a];
-                }
-            }
-            let rounded = self.march.differences::<C, U, INVALID>(&points, code, differences);
+            let (differences, rounded) = self.march.differences::<C, U>(&self.points(along), code);
             return without_rounding(&rounded, differences);
         }
+        let mut differences = [[0.0; LANES]; 3];
         for i in 0..LANES {
             if shown[i].is_some() {
-                let found = self.differences::<C, U, INVALID>(along[i], code[i]);
+                let found = self.differences::<C, U>(along[i], code[i]);
                 for a in 0..3 {
                     differences[a][i] = found[a];
                 }
             }
         }
+        differences
     }
 
     /// Real samples, more of them where a segment's ends differ more.
     #[inline(always)]
-    fn field<C: Code, U: Unit, const INVALID: bool>(&self, segments: Range<i32>, media: &mut Row) -> i32 {
+    fn field<C: Code, U: Unit>(&self, segments: Range<i32>, media: &mut Row) -> i32 {
         let count = self.whole(&segments, LANES as i32 - 1);
-        let row = self.sample::<C, U, INVALID>(self.places(segments.start, count, 0));
+        let row = self.sample::<C, U>(self.places(segments.start, count, 0));
         for i in 0..count as usize {
             let [Some(from), Some(to)] = known([i, i + 1].map(|i| (row.weight[i] > 0.0).then_some(row.code[i]))) else {
                 continue;
@@ -271,16 +239,18 @@ impl<'a> Path<'a> {
             for k in 0..parts.min(LANES) {
                 along[k] = a + (k as f32 + 0.5) * part;
             }
-            let samples = self.sample::<C, U, INVALID>(along);
+            let samples = self.sample::<C, U>(along);
             for k in 0..parts.min(LANES) {
-                if samples.weight[k] > 0.0 {
-                    self.add_sampled::<C, U, INVALID>(
-                        media,
-                        segments.start + i as i32,
-                        along[k],
-                        samples.code[k],
-                        part,
-                    );
+                if samples.weight[k] > 0.0
+                    && let Some(shown) = self.at::<C>(samples.code[k])
+                {
+                    let mut differences = Vec3::ZERO;
+                    if self.has_gradients {
+                        differences = self.differences::<C, U>(along[k], samples.code[k]);
+                    }
+                    if let Some(shown) = self.by_gradient(shown, samples.code[k], differences) {
+                        self.add_shown(media, segments.start + i as i32, along[k], shown, differences, part);
+                    }
                 }
             }
         }
@@ -304,15 +274,10 @@ impl<'a> Path<'a> {
 
     /// Virtual samples, or the mean medium, along curves through the ends, and `beyond` of them on each side.
     #[inline(always)]
-    fn curves<C: Code, U: Unit, const INVALID: bool>(
-        &self,
-        segments: Range<i32>,
-        beyond: usize,
-        media: &mut Row,
-    ) -> i32 {
+    fn curves<C: Code, U: Unit>(&self, segments: Range<i32>, beyond: usize, media: &mut Row) -> i32 {
         let sampling = &self.march.frame.settings.sampling;
         let count = self.whole(&segments, (LANES - 1 - 2 * beyond) as i32);
-        let row = self.sample::<C, U, INVALID>(self.places(segments.start, count, beyond as i32));
+        let row = self.sample::<C, U>(self.places(segments.start, count, beyond as i32));
         let mut gradients = [None; LANES];
         let parts = sampling.parts(0.0);
         for i in 0..count as usize {
@@ -343,7 +308,7 @@ impl<'a> Path<'a> {
                         // Not a closure, which would not be compiled for this vector unit.
                         if gradients[i].is_none() {
                             let known = at(i).unwrap_or(values[i + 1 - near]) as f32;
-                            gradients[i] = Some(self.differences::<C, U, INVALID>(row.along[i], known));
+                            gradients[i] = Some(self.differences::<C, U>(row.along[i], known));
                         }
                     }
                     let gradient = |i: usize| gradients[i].unwrap_or(Vec3::ZERO);
@@ -372,25 +337,6 @@ impl<'a> Path<'a> {
             }
         }
         segments.start + count
-    }
-
-    #[inline(always)]
-    fn add_sampled<C: Code, U: Unit, const INVALID: bool>(
-        &self,
-        media: &mut Row,
-        segment: i32,
-        along: f32,
-        code: f32,
-        share: f32,
-    ) {
-        let Some(mut shown) = self.at::<C>(code) else { return };
-        let mut differences = Vec3::ZERO;
-        if self.has_gradients {
-            differences = self.differences::<C, U, INVALID>(along, code);
-            let Some(by_gradient) = self.by_gradient(shown, code, differences) else { return };
-            shown = by_gradient;
-        }
-        self.add_shown(media, segment, along, shown, differences, share);
     }
 
     /// Classifies a possibly visible medium by code and gradient.
@@ -430,37 +376,22 @@ impl<'a> Path<'a> {
 
     /// The lit straight colour of a crossed surface, and its opacity. Not inlined: see [`Path::row`].
     #[inline(always)]
-    pub(crate) fn surface<C: Code, U: Unit, const INVALID: bool>(&self, crossing: Crossing) -> Vec4 {
-        #[cfg(target_arch = "x86_64")]
-        if U::AVX2 {
-            // SAFETY: the machine has AVX2.
-            return unsafe { self.surface_avx2::<C, INVALID>(crossing) };
-        }
-        self.surface_portable::<C, INVALID>(crossing)
-    }
-
-    #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx2")]
-    #[inline(never)]
-    fn surface_avx2<C: Code, const INVALID: bool>(&self, crossing: Crossing) -> Vec4 {
-        self.surface_on::<C, Avx2, INVALID>(crossing)
-    }
-
-    #[inline(never)]
-    fn surface_portable<C: Code, const INVALID: bool>(&self, crossing: Crossing) -> Vec4 {
-        self.surface_on::<C, Portable, INVALID>(crossing)
-    }
-
-    #[inline(always)]
-    fn surface_on<C: Code, U: Unit, const INVALID: bool>(&self, crossing: Crossing) -> Vec4 {
-        let (frame, Crossing { surface, along, is_cap }) = (self.march.frame, crossing);
-        let look = &frame.settings.surfaces[surface];
-        // A cap is lit by the normal of its cut.
-        let (differences, cut) = match is_cap {
-            true => (Vec3::ZERO, self.cut),
-            false => (self.differences::<C, U, INVALID>(along, frame.thresholds[surface]), None),
-        };
-        self.lit_by((&frame.surface_lighting, cut), along, Vec3::from(look.color), differences).extend(look.opacity)
+    pub(crate) fn surface<C: Code, U: Unit>(&self, crossing: Crossing) -> Vec4 {
+        U::call(
+            crossing,
+            #[inline(always)]
+            move |crossing| {
+                let (frame, Crossing { surface, along, is_cap }) = (self.march.frame, crossing);
+                let look = &frame.settings.surfaces[surface];
+                // A cap is lit by the normal of its cut.
+                let (differences, cut) = match is_cap {
+                    true => (Vec3::ZERO, self.cut),
+                    false => (self.differences::<C, U>(along, frame.thresholds[surface]), None),
+                };
+                self.lit_by((&frame.surface_lighting, cut), along, Vec3::from(look.color), differences)
+                    .extend(look.opacity)
+            },
+        )
     }
 
     #[inline(always)]
@@ -500,37 +431,32 @@ impl<'a> Path<'a> {
     /// The gradient in the middle of a segment with this code: in the scene's world, in data units per world unit; zero
     /// where the field is flat.
     #[inline(never)]
-    pub(crate) fn gradient<C: Code, U: Unit, const INVALID: bool>(&self, segment: i32, code: f32) -> DVec3 {
+    pub(crate) fn gradient<C: Code, U: Unit>(&self, segment: i32, code: f32) -> DVec3 {
         let [start, end] = self.ends(segment);
-        let differences = self.differences::<C, U, INVALID>(0.5 * (start + end), code);
+        let differences = self.differences::<C, U>(0.5 * (start + end), code);
         self.in_world(differences).map_or(DVec3::ZERO, |gradient| gradient * self.half_code)
     }
 
     /// Differences of codes across two voxels along each axis; the middle's code replaces missing values. For labels,
     /// differences of the label's indicator.
     #[inline(always)]
-    fn differences<C: Code, U: Unit, const INVALID: bool>(&self, along: f32, middle: f32) -> Vec3 {
+    fn differences<C: Code, U: Unit>(&self, along: f32, middle: f32) -> Vec3 {
         if self.march.frame.reading == Reading::Label {
             return self.label_differences::<C>(along, middle);
         }
-        let (is_sobel, places) = match self.march.frame.settings.lighting.gradient {
-            // The six nearest places in one packet; or the 27 about the centre, including it, in four.
-            Gradient::Central => (false, 6),
-            Gradient::Sobel => (true, 27),
+        let taps: &[Tap] = match self.march.frame.settings.lighting.gradient {
+            Gradient::Central => &CENTRAL,
+            Gradient::Sobel => &SOBEL,
             Gradient::Stored => {
                 return self.stored_differences(along) * self.march.frame.gradient_scale;
             }
         };
         let centre = self.slot_place(along);
         let mut differences = Vec3::ZERO;
-        for first in (0..places).step_by(LANES) {
-            let offsets: [[f32; 3]; LANES] =
-                std::array::from_fn(|i| if is_sobel { offset_of((first + i).min(26)) } else { axis_offset(i) });
-            let codes = self.around::<C, U, INVALID>(centre, &offsets, middle);
-            for (i, offset) in offsets.iter().enumerate().take(places - first) {
-                let smooth = |a: usize| if is_sobel { SMOOTH[(offset[a] + 1.0) as usize] as f32 } else { 1.0 };
-                let [x, y, z] = [smooth(0), smooth(1), smooth(2)];
-                differences += Vec3::new(offset[0] * y * z, offset[1] * x * z, offset[2] * x * y) * codes[i];
+        for taps in taps.chunks(LANES) {
+            let codes = self.around::<C, U>(centre, taps, middle);
+            for (tap, code) in taps.iter().zip(codes) {
+                differences += Vec3::from(tap.share) * code;
             }
         }
         let is_flat = differences.length() < FLAT_SHARE as f32 * middle.abs();
@@ -558,6 +484,16 @@ impl<'a> Path<'a> {
         Gradients::new(cell.brick.gradients(), frame.gradients, frame.apron).at(self.slot_place(along))
     }
 
+    /// The slot coordinates of places, or of the nearest ones that can be sampled.
+    #[inline(always)]
+    fn points(&self, along: &Packet) -> [Packet; 3] {
+        let mut inside = *along;
+        for i in 0..LANES {
+            inside[i] = along[i].max(self.low).min(self.high);
+        }
+        points(self.stretch.origin, self.stretch.step, &inside)
+    }
+
     /// The slot coordinate of a place, or of the nearest one that can be sampled.
     #[inline(always)]
     fn slot_place(&self, along: f32) -> [f32; 3] {
@@ -565,38 +501,23 @@ impl<'a> Path<'a> {
         std::array::from_fn(|a| self.stretch.origin[a] + along * self.stretch.step[a])
     }
 
+    /// The codes at the taps about a centre, at most a packet; the middle's code replaces missing values.
     #[inline(always)]
-    fn around<C: Code, U: Unit, const INVALID: bool>(
-        &self,
-        centre: [f32; 3],
-        offsets: &[[f32; 3]; LANES],
-        middle: f32,
-    ) -> Packet {
-        let (mut points, mut weight) = ([[0.0; LANES]; 3], [1.0; LANES]);
-        for a in 0..3 {
-            for i in 0..LANES {
-                points[a][i] = centre[a] + offsets[i][a];
+    fn around<C: Code, U: Unit>(&self, centre: [f32; 3], taps: &[Tap], middle: f32) -> Packet {
+        let [x, y, z] = centre;
+        let (mut points, mut weight) = ([[x; LANES], [y; LANES], [z; LANES]], [1.0; LANES]);
+        for (i, tap) in taps.iter().enumerate().take(LANES) {
+            for a in 0..3 {
+                points[a][i] += tap.offset[a];
             }
         }
         let March { frame, brick, .. } = self.march;
-        let mut code = brick.read_points::<C, U, INVALID>(frame.reading.of_gradients(), &points, &mut weight);
+        let mut code = brick.read_points::<C, U>(frame.reading.of_gradients(), &points, &mut weight);
         for i in 0..LANES {
             code[i] = if weight[i] > 0.0 { code[i] } else { middle };
         }
         code
     }
-}
-
-/// The `i`-th of the 27 places about a voxel.
-#[inline(always)]
-fn offset_of(i: usize) -> [f32; 3] {
-    [i % 3, i / 3 % 3, i / 9].map(|v| v as f32 - 1.0)
-}
-
-/// The `i`-th of the six places next to a voxel.
-#[inline(always)]
-fn axis_offset(i: usize) -> [f32; 3] {
-    std::array::from_fn(|a| if a == i / 2 { 1.0 - 2.0 * (i % 2) as f32 } else { 0.0 })
 }
 
 /// A single value stands for both.
@@ -622,13 +543,15 @@ impl Shown {
         (depth > 0.0).then(|| Self { color: DVec3::from_array(rgb).as_vec3(), depth })
     }
 }
+
 /// Zeroes differences at places of these codes if they are no more than rounding ([`FLAT_SHARE`]).
 #[inline(always)]
-fn without_rounding(code: &Packet, differences: &mut [Packet; 3]) {
+fn without_rounding(code: &Packet, mut differences: [Packet; 3]) -> [Packet; 3] {
     for i in 0..LANES {
         let [x, y, z] = [differences[0][i], differences[1][i], differences[2][i]];
         let least = FLAT_SHARE as f32 * code[i];
         let kept = if x * x + y * y + z * z < least * least { 0.0 } else { 1.0 };
         differences.iter_mut().for_each(|axis| axis[i] *= kept);
     }
+    differences
 }

@@ -9,11 +9,10 @@ use crate::frame::rank_of;
 use crate::packet::LANES;
 use crate::path::Path;
 use crate::ray::{NO_RANK, Ray};
-#[cfg(target_arch = "x86_64")]
-use crate::sample::Avx2;
-use crate::sample::{Code, Portable, Unit};
-use crate::stretch::{March, Stretch};
+use crate::sample::Code;
+use crate::stretch::March;
 use crate::surface::{Crossing, Line};
+use crate::unit::Unit;
 use brickyard_volume::Mode;
 use std::ops::Range;
 
@@ -23,7 +22,6 @@ const TOGETHER: usize = 2;
 /// A ray's way along a stretch of a brick, piece by piece.
 pub(crate) struct Pieces<'a> {
     march: &'a March<'a>,
-    stretch: &'a Stretch,
     path: Path<'a>,
     /// Segments not taken.
     rest: Range<i32>,
@@ -41,45 +39,32 @@ pub(crate) struct Piece<'a> {
 
 impl<'a> Pieces<'a> {
     #[inline(always)]
-    pub(crate) fn new(march: &'a March<'a>, stretch: &'a Stretch, path: Path<'a>, segments: Range<i32>) -> Self {
-        Self { march, stretch, path, rest: segments, cut: None }
+    pub(crate) fn new(march: &'a March<'a>, path: Path<'a>, segments: Range<i32>) -> Self {
+        Self { march, path, rest: segments, cut: None }
     }
 
     /// Returns the next piece, if any. The ray's rank becomes the one behind it. Not inlined: see [`Path::row`].
     #[inline(always)]
-    pub(crate) fn next<C: Code, U: Unit, const INVALID: bool>(&mut self, ray: &mut Ray) -> Option<Piece<'a>> {
-        #[cfg(target_arch = "x86_64")]
-        if U::AVX2 {
-            // SAFETY: the machine has AVX2.
-            return unsafe { self.next_avx2::<C, INVALID>(ray) };
-        }
-        self.next_portable::<C, INVALID>(ray)
-    }
-
-    #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx2")]
-    #[inline(never)]
-    fn next_avx2<C: Code, const INVALID: bool>(&mut self, ray: &mut Ray) -> Option<Piece<'a>> {
-        self.next_on::<C, Avx2, INVALID>(ray)
-    }
-
-    #[inline(never)]
-    fn next_portable<C: Code, const INVALID: bool>(&mut self, ray: &mut Ray) -> Option<Piece<'a>> {
-        self.next_on::<C, Portable, INVALID>(ray)
+    pub(crate) fn next<C: Code, U: Unit>(&mut self, ray: &mut Ray) -> Option<Piece<'a>> {
+        U::call(
+            ray,
+            #[inline(always)]
+            move |ray| self.next_on::<C, U>(ray),
+        )
     }
 
     #[inline(always)]
-    fn next_on<C: Code, U: Unit, const INVALID: bool>(&mut self, ray: &mut Ray) -> Option<Piece<'a>> {
+    fn next_on<C: Code, U: Unit>(&mut self, ray: &mut Ray) -> Option<Piece<'a>> {
         let (path, from) = (self.path, self.rest.start);
         let settings = &self.march.frame.settings;
         if settings.surfaces.is_empty() {
             let segments = std::mem::replace(&mut self.rest, 0..0);
             return (!segments.is_empty()).then_some(Piece { path, segments, surface: None });
         }
-        if let Some(cap) = self.cap::<C, U, INVALID>(ray) {
+        if let Some(cap) = self.cap::<C, U>(ray) {
             return Some(Piece { path: path.piece(cap.along, cap.along), segments: from..from, surface: Some(cap) });
         }
-        self.skip::<C, U, INVALID>(ray, settings.mode == Mode::Dvr);
+        self.skip::<C, U>(ray, settings.mode == Mode::Dvr);
         let first = self.rest.start;
         if first > from && settings.mode == Mode::Dvr {
             return Some(Piece { path, segments: from..first, surface: None });
@@ -89,7 +74,7 @@ impl<'a> Pieces<'a> {
         }
         let [start, end] = path.ends(first);
         let start = self.cut.unwrap_or(start);
-        let (last, code) = self.rank::<C, U, INVALID>(end);
+        let (last, code) = self.rank::<C, U>(end);
         if ray.past.rank == NO_RANK || last == NO_RANK || ray.past.rank == last {
             ray.past.rank = last;
             self.rest.start += 1;
@@ -100,8 +85,8 @@ impl<'a> Pieces<'a> {
         let surface = if is_up { ray.past.rank } else { ray.past.rank - 1 } as usize;
         let inside = |along: f32| along.max(path.low).min(path.high);
         let threshold = self.march.frame.thresholds[surface];
-        let line = Line { march: self.march, stretch: self.stretch, threshold };
-        let hit = line.locate::<C, U, INVALID>(inside(start), [inside(end), code]);
+        let line = Line { march: self.march, threshold };
+        let hit = line.locate::<C, U>(inside(start), [inside(end), code]);
         ray.past.rank += if is_up { 1 } else { -1 };
         self.cut = Some(hit);
         Some(Piece {
@@ -113,29 +98,29 @@ impl<'a> Pieces<'a> {
 
     /// The cap where the ray enters, if any. The ray's rank becomes the one behind it.
     #[inline(always)]
-    fn cap<C: Code, U: Unit, const INVALID: bool>(&self, ray: &mut Ray) -> Option<Crossing> {
+    fn cap<C: Code, U: Unit>(&self, ray: &mut Ray) -> Option<Crossing> {
         let is_new = ray.past.rank == NO_RANK && self.cut.is_none() && self.rest.start == 0;
-        if !is_new || self.rest.is_empty() || !self.march.is_capped(ray, self.stretch.start) {
+        if !is_new || self.rest.is_empty() || !self.march.is_capped(ray, self.march.stretch.start) {
             return None;
         }
         let along = self.path.ends(0)[0];
-        ray.past.rank = self.rank::<C, U, INVALID>(along).0;
+        ray.past.rank = self.rank::<C, U>(along).0;
         (ray.past.rank > 0).then(|| Crossing { surface: ray.past.rank as usize - 1, along, is_cap: true })
     }
 
     /// Skips segments whose ends are past the same number of surfaces as the ray: all of them, or one batch if
     /// `is_short`.
     #[inline(always)]
-    fn skip<C: Code, U: Unit, const INVALID: bool>(&mut self, ray: &mut Ray, is_short: bool) {
+    fn skip<C: Code, U: Unit>(&mut self, ray: &mut Ray, is_short: bool) {
         while self.cut.is_none() && !self.rest.is_empty() {
             let (path, first) = (self.path, self.rest.start);
             if ray.past.rank == NO_RANK {
-                ray.past.rank = self.rank::<C, U, INVALID>(path.ends(first)[0]).0;
+                ray.past.rank = self.rank::<C, U>(path.ends(first)[0]).0;
             }
             let count = path.whole(&self.rest, (TOGETHER * LANES) as i32);
-            let mut ends = [path.sample::<C, U, INVALID>(path.places(first, count, -1)); TOGETHER];
+            let mut ends = [path.sample::<C, U>(path.places(first, count, -1)); TOGETHER];
             if count > LANES as i32 {
-                ends[1] = path.sample::<C, U, INVALID>(path.places(first + LANES as i32, count, -1));
+                ends[1] = path.sample::<C, U>(path.places(first + LANES as i32, count, -1));
             }
             let (low, high) = self.march.frame.band(ray.past.rank);
             let mut quiet = 0u32;
@@ -157,8 +142,8 @@ impl<'a> Pieces<'a> {
 
     /// The number of surfaces a place is past, and its code.
     #[inline(always)]
-    fn rank<C: Code, U: Unit, const INVALID: bool>(&self, along: f32) -> (i32, f32) {
-        let place = self.path.sample::<C, U, INVALID>([along; LANES]);
+    fn rank<C: Code, U: Unit>(&self, along: f32) -> (i32, f32) {
+        let place = self.path.sample::<C, U>([along; LANES]);
         let code = place.code[0];
         (if place.weight[0] > 0.0 { rank_of(&self.march.frame.thresholds, code) } else { NO_RANK }, code)
     }

@@ -1,6 +1,6 @@
 //! The renderer itself: slots in RAM within a byte budget, and pictures of layers' draw lists over them.
 
-use crate::frame::Frame;
+use crate::frame::{Frame, is_plain_fog};
 use crate::march::Work;
 use crate::meshes::MeshTree;
 use crate::options::SoftwareOptions;
@@ -10,9 +10,7 @@ use crate::tile::Scene;
 use crate::tiles::{self, Tile, TilePixels};
 use brickyard_pager::{BudgetRequest, Layer, Slot, VolumeNeeds, pools, share};
 use brickyard_volume::numbers::mebibytes;
-use brickyard_volume::{
-    Clip, Combination, FrameSettings, Geometry, Method, Mode, Picture, PixelRect, Placement, Pyramid,
-};
+use brickyard_volume::{Clip, Combination, FrameSettings, Geometry, Picture, PixelRect, Placement, Pyramid};
 use rayon::prelude::*;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -312,9 +310,7 @@ fn check(layer: &Layer<'_>, needs: &VolumeNeeds, is_read: bool) -> Result<(), So
     })?;
     let (asked, given) = (settings.needs(), needs.bricks);
     expect(given.satisfy(&asked), || format!("a frame of {asked:?}: its bricks have {given:?}"))?;
-    let is_plain = settings.mode == Mode::Dvr && settings.method() == Method::Udvr;
-    let is_bare = settings.surfaces.is_empty() && settings.grid().is_none();
-    expect(!is_read || (is_plain && is_bare), || "an expression over other than values, sampled plainly".into())
+    expect(!is_read || is_plain_fog(settings), || "an expression over other than values, sampled plainly".into())
 }
 
 #[cfg(test)]

@@ -9,12 +9,14 @@
 //! along x are weighted as whole numbers of 15 bits, one instruction for the eight pairs of a packet: exact to 1/256 of
 //! a code.
 //!
-//! Everything here is `#[inline(always)]` and free of closures, to be compiled for the vector unit of its final
-//! function: one for a chunk and one for a packet, for each width of codes, shared by all modes.
+//! Everything here is `#[inline(always)]` and free of closures but those of [`Unit::call`], to be compiled for the
+//! vector unit of its final function: one for a chunk and one for a packet, for each width of codes, shared by all
+//! modes.
 
 use crate::packet::{LANES, PACKETS, Packet};
 use crate::row::Row;
 use crate::steps::Places;
+use crate::unit::Unit;
 use brickyard_volume::SlotEncoding;
 use brickyard_volume::slot_encoding::LEAST_SLOT;
 use glam::Vec4;
@@ -62,12 +64,17 @@ impl SampleChunk {
     };
 }
 
+/// Voxels along the edge of the smallest brick with two voxels on each side of a place.
+const LEAST_PADDED: usize = 4;
+
 /// All packets of a chunk, a bit for each.
 pub(crate) const ALL_PACKETS: u32 = (1 << PACKETS) - 1;
 
-/// The memory layout of a code, or of the number in an f32 slot.
+/// The memory layout of a code, or of the number in an f32 slot, and whether voxels may have no value.
 pub(crate) trait Code {
     const BYTES: usize;
+    /// Whether voxels may have no value.
+    const INVALID: bool;
     /// The greatest code; samples of f32 slots may have any.
     const MAX: u32;
     /// Whether slots hold numbers that are not codes yet.
@@ -87,10 +94,10 @@ pub(crate) trait Code {
     fn far(pair: Self::Pair) -> f32;
 
     /// The voxel's number for interpolation, counted from the table's first, and whether the voxel has a value; the
-    /// number is 0 if it has none and `INVALID` allows that.
+    /// number is 0 if it has none.
     #[inline(always)]
-    fn part<const INVALID: bool>(code: f32, map: &CodeMap) -> (f32, bool) {
-        let is_valid = !INVALID || code != 0.0;
+    fn part(code: f32, map: &CodeMap) -> (f32, bool) {
+        let is_valid = !Self::INVALID || code != 0.0;
         (if is_valid { code - map.first } else { 0.0 }, is_valid)
     }
 
@@ -130,14 +137,16 @@ impl CodeMap {
     }
 }
 
-pub(crate) struct Code8;
+pub(crate) struct Code8<const INVALID: bool>;
 
-pub(crate) struct Code16;
+pub(crate) struct Code16<const INVALID: bool>;
 
+/// Voxels of f32 slots always count as possibly without a value: testing one costs little beside the fetch.
 pub(crate) struct Float32;
 
-impl Code for Code8 {
+impl<const INVALID: bool> Code for Code8<INVALID> {
     const BYTES: usize = 1;
+    const INVALID: bool = INVALID;
     const MAX: u32 = 0xff;
     type Pair = u16;
 
@@ -158,8 +167,9 @@ impl Code for Code8 {
     }
 }
 
-impl Code for Code16 {
+impl<const INVALID: bool> Code for Code16<INVALID> {
     const BYTES: usize = 2;
+    const INVALID: bool = INVALID;
     const MAX: u32 = 0xffff;
     type Pair = u32;
 
@@ -192,6 +202,7 @@ impl Code for Code16 {
 
 impl Code for Float32 {
     const BYTES: usize = 4;
+    const INVALID: bool = true;
     const MAX: u32 = 0xffff;
     const IS_FLOAT: bool = true;
     type Pair = u64;
@@ -214,31 +225,10 @@ impl Code for Float32 {
 
     /// Differences of near numbers are exact, so numbers far from zero are interpolated as exactly as near ones.
     #[inline(always)]
-    fn part<const INVALID: bool>(number: f32, map: &CodeMap) -> (f32, bool) {
+    fn part(number: f32, map: &CodeMap) -> (f32, bool) {
         let is_valid = number > LEAST_SLOT;
         (if is_valid { number - map.first } else { 0.0 }, is_valid)
     }
-}
-
-/// The kind of machine a function is compiled for.
-pub(crate) trait Unit {
-    /// Whether the machine is known to have AVX2.
-    #[cfg_attr(not(target_arch = "x86_64"), expect(dead_code, reason = "nobody asks where no machine can have it"))]
-    const AVX2: bool;
-}
-
-pub(crate) struct Portable;
-
-#[cfg(target_arch = "x86_64")]
-pub(crate) struct Avx2;
-
-impl Unit for Portable {
-    const AVX2: bool = false;
-}
-
-#[cfg(target_arch = "x86_64")]
-impl Unit for Avx2 {
-    const AVX2: bool = true;
 }
 
 /// The voxel grid of padded bricks of one size.
@@ -261,10 +251,11 @@ impl Grid {
     #[inline(always)]
     pub(crate) fn locate(&self, origin: [f32; 3], step: [f32; 3], chunk: &mut SampleChunk) {
         for p in 0..chunk.packets.min(PACKETS) {
+            // Straight into the chunk: arrays returned by `voxels` would take a detour.
             let mut voxel = [0i32; LANES];
             for a in [2, 1, 0] {
                 for i in 0..LANES {
-                    let (whole, fraction) = self.split(origin[a] + chunk.along[p][i] * step[a]);
+                    let (whole, fraction) = self.split::<0>(origin[a] + chunk.along[p][i] * step[a]);
                     chunk.fraction[p][a][i] = fraction;
                     voxel[i] = voxel[i] * self.padded as i32 + whole;
                 }
@@ -273,21 +264,23 @@ impl Grid {
         }
     }
 
-    /// The whole part, at most padded - 2, and the fraction of a coordinate, clamped into the brick.
+    /// The voxels below eight slot coordinates, given axis by axis, and the fractions towards the next. Coordinates are
+    /// clamped into the brick, at least `MARGIN` voxels inside: whole parts are from `MARGIN` to `padded - 2 - MARGIN`.
     #[inline(always)]
-    fn split(&self, v: f32) -> (i32, f32) {
-        self.split_between::<0>(v)
+    fn voxels<const MARGIN: u8>(&self, points: &[Packet; 3]) -> ([i32; LANES], [Packet; 3]) {
+        let (mut voxel, mut fraction) = ([0i32; LANES], [[0.0f32; LANES]; 3]);
+        for a in [2, 1, 0] {
+            for i in 0..LANES {
+                let whole;
+                (whole, fraction[a][i]) = self.split::<MARGIN>(points[a][i]);
+                voxel[i] = voxel[i] * self.padded as i32 + whole;
+            }
+        }
+        (voxel, fraction)
     }
 
-    /// Splits a coordinate like [`Grid::split`], but at least a voxel inside the brick, which has four voxels along an
-    /// edge or more: the whole part is from 1 to padded - 3.
     #[inline(always)]
-    pub(crate) fn split_inside(&self, v: f32) -> (i32, f32) {
-        self.split_between::<1>(v)
-    }
-
-    #[inline(always)]
-    fn split_between<const MARGIN: u8>(&self, v: f32) -> (i32, f32) {
+    fn split<const MARGIN: u8>(&self, v: f32) -> (i32, f32) {
         let (low, high) = (MARGIN as f32, self.limit - MARGIN as f32);
         // Written so that NaN ends up inside, too.
         let v = if v > low { v } else { low };
@@ -301,9 +294,9 @@ impl Grid {
 /// A padded brick, ready to sample.
 #[derive(Clone, Copy)]
 pub(crate) struct Brick<'a> {
-    codes: &'a [u8],
+    pub(crate) codes: &'a [u8],
     grid: Grid,
-    map: CodeMap,
+    pub(crate) map: CodeMap,
 }
 
 impl<'a> Brick<'a> {
@@ -314,72 +307,34 @@ impl<'a> Brick<'a> {
         Self { codes, grid, map }
     }
 
-    #[inline(always)]
-    pub(crate) fn map(&self) -> &CodeMap {
-        &self.map
-    }
-
     /// Voxels along the padded brick's edge.
     #[inline(always)]
     pub(crate) fn padded(&self) -> usize {
         self.grid.padded
     }
 
+    /// The voxels below eight slot coordinates, each with a lower neighbour and two upper ones along each axis, and the
+    /// coordinates' fractions towards the next.
     #[inline(always)]
-    pub(crate) fn grid(&self) -> &Grid {
-        &self.grid
-    }
-
-    #[inline(always)]
-    pub(crate) fn codes(&self) -> &'a [u8] {
-        self.codes
+    pub(crate) fn voxels_around(&self, points: &[Packet; 3]) -> ([i32; LANES], [Packet; 3]) {
+        assert!(self.grid.padded >= LEAST_PADDED, "no voxels to take differences of");
+        self.grid.voxels::<1>(points)
     }
 
     /// Fills in the codes of a chunk's samples, at the slot coordinates `origin + along * step` (voxel centres at whole
-    /// numbers). With `INVALID`, code 0 is left out, and a sample weighs nothing if less than half of its voxels'
-    /// weight is valid.
+    /// numbers). If voxels may have no value, code 0 is left out, and a sample weighs nothing if less than half of its
+    /// voxels' weight is valid.
     #[inline(always)]
-    pub(crate) fn sample<C: Code, U: Unit, const INVALID: bool>(
-        &self,
-        origin: [f32; 3],
-        step: [f32; 3],
-        chunk: &mut SampleChunk,
-    ) {
-        #[cfg(target_arch = "x86_64")]
-        if U::AVX2 {
-            // SAFETY: the machine has AVX2.
-            return unsafe { self.sample_avx2::<C, INVALID>(&origin, &step, chunk) };
-        }
-        self.sample_portable::<C, INVALID>(&origin, &step, chunk);
-    }
-
-    #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx2")]
-    #[inline(never)]
-    fn sample_avx2<C: Code, const INVALID: bool>(&self, origin: &[f32; 3], step: &[f32; 3], chunk: &mut SampleChunk) {
-        self.sample_on::<C, Avx2, INVALID>(*origin, *step, chunk);
-    }
-
-    #[inline(never)]
-    fn sample_portable<C: Code, const INVALID: bool>(
-        &self,
-        origin: &[f32; 3],
-        step: &[f32; 3],
-        chunk: &mut SampleChunk,
-    ) {
-        self.sample_on::<C, Portable, INVALID>(*origin, *step, chunk);
-    }
-
-    #[inline(always)]
-    fn sample_on<C: Code, U: Unit, const INVALID: bool>(
-        &self,
-        origin: [f32; 3],
-        step: [f32; 3],
-        chunk: &mut SampleChunk,
-    ) {
-        self.grid.locate(origin, step, chunk);
-        // SAFETY: the samples have been found in this brick.
-        unsafe { self.sample_located::<C, U, INVALID>(ALL_PACKETS, chunk) };
+    pub(crate) fn sample<C: Code, U: Unit>(&self, origin: [f32; 3], step: [f32; 3], chunk: &mut SampleChunk) {
+        U::call(
+            (&origin, &step),
+            #[inline(always)]
+            move |(origin, step)| {
+                self.grid.locate(*origin, *step, chunk);
+                // SAFETY: the samples have been found in this brick.
+                unsafe { self.sample_located::<C, U>(ALL_PACKETS, chunk) };
+            },
+        );
     }
 
     /// Samples like [`Brick::sample`], but only these packets (a bit for each), already located.
@@ -387,68 +342,29 @@ impl<'a> Brick<'a> {
     /// # Safety
     /// [`Grid::locate`] has located the samples in a brick as large as this one.
     #[inline(always)]
-    pub(crate) unsafe fn sample_located<C: Code, U: Unit, const INVALID: bool>(
-        &self,
-        packets: u32,
-        chunk: &mut SampleChunk,
-    ) {
+    pub(crate) unsafe fn sample_located<C: Code, U: Unit>(&self, packets: u32, chunk: &mut SampleChunk) {
         for p in 0..chunk.packets.min(PACKETS) {
             if packets & 1 << p == 0 {
                 continue;
             }
             let (voxel, fraction, weight) = (&chunk.voxel[p], &chunk.fraction[p], &mut chunk.weight[p]);
             // SAFETY: by the caller's promise every coordinate's whole part is at most padded - 2.
-            chunk.code[p] = unsafe { self.interpolated::<C, U, INVALID>(voxel, fraction, weight) };
+            chunk.code[p] = unsafe { self.interpolated::<C, U>(voxel, fraction, weight) };
         }
     }
 
     /// Returns the codes at eight slot coordinates, given axis by axis. The weights of those without a value become 0.
     #[inline(always)]
-    pub(crate) fn sample_points<C: Code, U: Unit, const INVALID: bool>(
-        &self,
-        points: &[Packet; 3],
-        weight: &mut Packet,
-    ) -> Packet {
-        #[cfg(target_arch = "x86_64")]
-        if U::AVX2 {
-            // SAFETY: the machine has AVX2.
-            return unsafe { self.sample_points_avx2::<C, INVALID>(points, weight) };
-        }
-        self.sample_points_portable::<C, INVALID>(points, weight)
-    }
-
-    #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx2")]
-    #[inline(never)]
-    fn sample_points_avx2<C: Code, const INVALID: bool>(&self, points: &[Packet; 3], weight: &mut Packet) -> Packet {
-        self.sample_points_on::<C, Avx2, INVALID>(points, weight)
-    }
-
-    #[inline(never)]
-    fn sample_points_portable<C: Code, const INVALID: bool>(
-        &self,
-        points: &[Packet; 3],
-        weight: &mut Packet,
-    ) -> Packet {
-        self.sample_points_on::<C, Portable, INVALID>(points, weight)
-    }
-
-    #[inline(always)]
-    fn sample_points_on<C: Code, U: Unit, const INVALID: bool>(
-        &self,
-        points: &[Packet; 3],
-        weight: &mut Packet,
-    ) -> Packet {
-        let (mut voxel, mut fraction) = ([0i32; LANES], [[0.0f32; LANES]; 3]);
-        for a in [2, 1, 0] {
-            for i in 0..LANES {
-                let whole;
-                (whole, fraction[a][i]) = self.grid.split(points[a][i]);
-                voxel[i] = voxel[i] * self.grid.padded as i32 + whole;
-            }
-        }
-        // SAFETY: every coordinate's whole part is at most padded - 2.
-        unsafe { self.interpolated::<C, U, INVALID>(&voxel, &fraction, weight) }
+    pub(crate) fn sample_points<C: Code, U: Unit>(&self, points: &[Packet; 3], weight: &mut Packet) -> Packet {
+        U::call(
+            (points, weight),
+            #[inline(always)]
+            move |(points, weight)| {
+                let (voxel, fraction) = self.grid.voxels::<0>(points);
+                // SAFETY: every coordinate's whole part is at most padded - 2.
+                unsafe { self.interpolated::<C, U>(&voxel, &fraction, weight) }
+            },
+        )
     }
 
     /// The codes at the given voxels and fractions towards their upper neighbours.
@@ -456,7 +372,7 @@ impl<'a> Brick<'a> {
     /// # Safety
     /// Every index is that of a voxel with an upper neighbour along each axis.
     #[inline(always)]
-    unsafe fn interpolated<C: Code, U: Unit, const INVALID: bool>(
+    unsafe fn interpolated<C: Code, U: Unit>(
         &self,
         voxel: &[i32; LANES],
         fraction: &[Packet; 3],
@@ -464,10 +380,10 @@ impl<'a> Brick<'a> {
     ) -> Packet {
         // SAFETY: the caller's promise.
         unsafe {
-            if C::BYTES == 1 && !INVALID {
+            if C::BYTES == 1 && !C::INVALID {
                 self.interpolate_bytes::<U>(voxel, fraction)
             } else {
-                self.interpolate::<C, INVALID>(voxel, fraction, weight)
+                self.interpolate::<C>(voxel, fraction, weight)
             }
         }
     }
@@ -511,12 +427,7 @@ impl<'a> Brick<'a> {
     /// # Safety
     /// Every index is that of a voxel with an upper neighbour along each axis.
     #[inline(always)]
-    unsafe fn interpolate<C: Code, const INVALID: bool>(
-        &self,
-        index: &[i32; LANES],
-        t: &[Packet; 3],
-        weight: &mut Packet,
-    ) -> Packet {
+    unsafe fn interpolate<C: Code>(&self, index: &[i32; LANES], t: &[Packet; 3], weight: &mut Packet) -> Packet {
         let row = self.grid.padded;
         let mut plane = [[0.0f32; LANES]; 2];
         let mut plane_valid = [[0.0f32; LANES]; 2];
@@ -532,23 +443,23 @@ impl<'a> Brick<'a> {
                     pair[i] = unsafe { C::pair(self.codes.as_ptr().add(voxel * C::BYTES)) };
                 }
                 for i in 0..LANES {
-                    if !INVALID {
+                    if !C::INVALID {
                         line[y][i] = C::mixed(pair[i], t[0][i], &self.map);
                         continue;
                     }
-                    let (near, has_near) = C::part::<INVALID>(C::near(pair[i]), &self.map);
-                    let (far, has_far) = C::part::<INVALID>(C::far(pair[i]), &self.map);
+                    let (near, has_near) = C::part(C::near(pair[i]), &self.map);
+                    let (far, has_far) = C::part(C::far(pair[i]), &self.map);
                     line[y][i] = mix(near, far, t[0][i]);
                     line_valid[y][i] = mix(has_near as u8 as f32, has_far as u8 as f32, t[0][i]);
                 }
             }
             plane[z] = mix_packets(&line[0], &line[1], &t[1]);
-            if INVALID {
+            if C::INVALID {
                 plane_valid[z] = mix_packets(&line_valid[0], &line_valid[1], &t[1]);
             }
         }
         let mut code = mix_packets(&plane[0], &plane[1], &t[2]);
-        if INVALID {
+        if C::INVALID {
             let valid = mix_packets(&plane_valid[0], &plane_valid[1], &t[2]);
             for i in 0..LANES {
                 let enough = valid[i] >= 0.5;
@@ -576,7 +487,7 @@ unsafe fn weighted_pairs<U: Unit>(at: *const u8, places: &[i32; LANES], weights:
     let mut pairs = [0u16; LANES];
     for i in 0..LANES {
         // SAFETY: the caller's promise.
-        pairs[i] = unsafe { Code8::pair(at.add(places[i] as usize)) };
+        pairs[i] = unsafe { Code8::<false>::pair(at.add(places[i] as usize)) };
     }
     #[cfg(target_arch = "x86_64")]
     if U::AVX2 {
@@ -630,15 +541,16 @@ pub(crate) fn mix_packets(a: &Packet, b: &Packet, t: &Packet) -> Packet {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::unit::Portable;
     use brickyard_volume::slot_encoding::INVALID_SLOT;
 
     const CODES: CodeMap = CodeMap { first: 0.0, per_number: 1.0, farthest: f32::MAX };
 
-    fn sample<C: Code, const INVALID: bool>(brick: &Brick<'_>, x: Packet, y: f32, z: f32) -> (Packet, Packet) {
+    fn sample<C: Code>(brick: &Brick<'_>, x: Packet, y: f32, z: f32) -> (Packet, Packet) {
         let packet = [x; PACKETS];
         let mut chunk =
             SampleChunk { packets: PACKETS, along: packet, weight: [[2.0; LANES]; PACKETS], ..SampleChunk::EMPTY };
-        brick.sample::<C, Portable, INVALID>([0.0, y, z], [1.0, 0.0, 0.0], &mut chunk);
+        brick.sample::<C, Portable>([0.0, y, z], [1.0, 0.0, 0.0], &mut chunk);
         assert!(chunk.code.iter().all(|c| *c == chunk.code[0]), "packets must not differ");
         (chunk.code[0], chunk.weight[0])
     }
@@ -648,11 +560,11 @@ mod tests {
         let n = 5;
         let value = |i: usize| ((i % n) * 100 + (i / n % n) * 1000 + (i / n / n) * 7000) as u16;
         let codes: Vec<u8> = (0..n * n * n).flat_map(|i| value(i).to_le_bytes()).collect();
-        let brick = Brick::new::<Code16>(&codes, n as u32, CODES);
+        let brick = Brick::new::<Code16<false>>(&codes, n as u32, CODES);
         let x = [0.0, 0.5, 3.25, 4.0, -9.0, 1e9, f32::NAN, 2.0];
         let clamp = |v: f32| if v > 0.0 { v.min(4.0) } else { 0.0 };
         for (y, z) in [(0.0, 2.5), (1.5, 4.0), (3.99, 0.01), (-1e9, 1e9), (f32::INFINITY, f32::NEG_INFINITY)] {
-            let (code, weight) = sample::<Code16, false>(&brick, x, y, z);
+            let (code, weight) = sample::<Code16<false>>(&brick, x, y, z);
             assert_eq!(weight, [2.0; LANES]);
             for i in 0..LANES {
                 // A NaN distance spoils all three coordinates, but reads no memory outside.
@@ -669,10 +581,10 @@ mod tests {
         let n = 4;
         let value = |i: usize| ((i % n) * 50 + (i / n % n) * 20 + (i / n / n) * 10) as u8;
         let codes: Vec<u8> = (0..n * n * n).map(value).collect();
-        let brick = Brick::new::<Code8>(&codes, n as u32, CODES);
+        let brick = Brick::new::<Code8<false>>(&codes, n as u32, CODES);
         let x = [0.0, 0.5, 1.0 / 3.0, 0.999_999, 1.77, 2.25, 2.999_99, 3.0];
         for (y, z) in [(0.0, 2.5), (1.1, 3.0), (2.99, 0.01)] {
-            let (code, _) = sample::<Code8, false>(&brick, x, y, z);
+            let (code, _) = sample::<Code8<false>>(&brick, x, y, z);
             for i in 0..LANES {
                 let expected = x[i] * 50.0 + y * 20.0 + z * 10.0;
                 // The weight is off by 2^-16 at most, the difference along x is 50.
@@ -685,9 +597,9 @@ mod tests {
     fn invalid_corners_are_left_out() {
         // x = 0 is invalid, x = 1 holds 200.
         let codes = [0, 200, 0, 200, 0, 200, 0, 200];
-        let brick = Brick::new::<Code8>(&codes, 2, CODES);
+        let brick = Brick::new::<Code8<true>>(&codes, 2, CODES);
         let x = [0.0, 0.25, 0.49, 0.51, 0.75, 0.9, 0.95, 1.0];
-        let (code, weight) = sample::<Code8, true>(&brick, x, 0.3, 0.6);
+        let (code, weight) = sample::<Code8<true>>(&brick, x, 0.3, 0.6);
         assert_eq!(weight, [0.0, 0.0, 0.0, 2.0, 2.0, 2.0, 2.0, 2.0]);
         assert!(code[3..].iter().all(|c| (c - 200.0).abs() < 1e-3), "{code:?}");
     }
@@ -699,16 +611,16 @@ mod tests {
         let row = [0u16, 40_001, 40_002, 65_535];
         let wide: Vec<u8> = (0..64).flat_map(|i| row[i % 4].to_le_bytes()).collect();
         let x = [0.0, 0.75, 1.0, 1.0 + 1.0 / 1024.0, 1.25, 1.5, 2.0, 3.0];
-        let (all, _) = sample::<Code16, false>(&Brick::new::<Code16>(&wide, 4, map), x, 1.3, 0.6);
+        let (all, _) = sample::<Code16<false>>(&Brick::new::<Code16<false>>(&wide, 4, map), x, 1.3, 0.6);
         let expected = [-40_000.0, 1.0 - 0.25 * 40_001.0, 1.0, 1.0 + 1.0 / 1024.0, 1.25, 1.5, 2.0, 25_535.0];
         for (found, expected) in all.iter().zip(expected) {
             assert!((found - expected).abs() <= 1e-6 * expected.abs(), "{all:?}");
         }
-        let (valid, weight) = sample::<Code16, true>(&Brick::new::<Code16>(&wide, 4, map), x, 1.3, 0.6);
+        let (valid, weight) = sample::<Code16<true>>(&Brick::new::<Code16<true>>(&wide, 4, map), x, 1.3, 0.6);
         assert_eq!((weight[0], valid[1], valid[3]), (0.0, 1.0, all[3]), "{valid:?}");
         let bytes: Vec<u8> = (0..64).map(|i| [100, 101, 102, 0][i % 4]).collect();
-        let (codes, _) = sample::<Code8, false>(
-            &Brick::new::<Code8>(&bytes, 4, CodeMap { first: 100.0, ..CODES }),
+        let (codes, _) = sample::<Code8<false>>(
+            &Brick::new::<Code8<false>>(&bytes, 4, CodeMap { first: 100.0, ..CODES }),
             [0.0, 0.25, 0.5, 1.0, 1.5, 2.0, 3.0, 3.0],
             1.3,
             0.6,
@@ -726,7 +638,7 @@ mod tests {
         let map = CodeMap { first: 999_999.0, per_number: 64.0, farthest: 1e4 };
         let brick = Brick::new::<Float32>(&numbers, 4, map);
         let x = [0.25, 0.75, 1.0, 1.25, 1.5, 2.0, 2.0, 2.5];
-        let (code, weight) = sample::<Float32, true>(&brick, x, 0.3, 1.6);
+        let (code, weight) = sample::<Float32>(&brick, x, 0.3, 1.6);
         assert_eq!(weight, [0.0, 2.0, 2.0, 2.0, 2.0, 2.0, 2.0, 2.0]);
         for (found, expected) in code[1..].iter().zip([64.0f32, 64.0, 80.0, 96.0, 128.0, 128.0, 64e4]) {
             assert!((found - expected).abs() <= 1e-5 * expected, "{code:?}");

@@ -5,13 +5,11 @@
 //! of two neighbours, against 108 for its 27 separate samples. If one of a packet's voxels has no value, or a number
 //! too far off to be a code, separate samples are taken after all.
 
+use crate::differences::SOBEL;
 use crate::packet::{LANES, Packet};
-#[cfg(target_arch = "x86_64")]
-use crate::sample::Avx2;
-use crate::sample::{Brick, Code, Portable, Unit, mix};
+use crate::sample::{Brick, Code, mix};
+use crate::unit::Unit;
 use brickyard_volume::lighting::SMOOTH;
-
-const PLACES: usize = 27;
 
 /// The smoothing of four neighbours along an axis, at a place between the middle two.
 struct Across {
@@ -60,59 +58,30 @@ impl Across {
 impl Brick<'_> {
     /// Computes the differences of the Sobel operator, otherwise like [`Brick::central_differences`].
     #[inline(always)]
-    pub(crate) fn sobel_differences<C: Code, U: Unit, const INVALID: bool>(
-        &self,
-        points: &[Packet; 3],
-        middle: &Packet,
-        differences: &mut [Packet; 3],
-    ) {
-        #[cfg(target_arch = "x86_64")]
-        if U::AVX2 {
-            // SAFETY: the machine has AVX2.
-            return unsafe { self.sobel_differences_avx2::<C, INVALID>(points, middle, differences) };
-        }
-        self.sobel_differences_on::<C, Portable, INVALID>(points, middle, differences);
+    pub(crate) fn sobel_differences<C: Code, U: Unit>(&self, points: &[Packet; 3], middle: &Packet) -> [Packet; 3] {
+        U::call(
+            (points, middle),
+            #[inline(always)]
+            move |(points, middle)| {
+                let (voxel, t) = self.voxels_around(points);
+                // SAFETY: such are the returned voxels.
+                let (differences, odd) = unsafe { self.shared_sobel::<C>(&voxel, &t) };
+                if C::INVALID && odd > 0.0 {
+                    return self.sampled_differences::<C, U, _>(&SOBEL, (points, middle));
+                }
+                differences
+            },
+        )
     }
 
-    #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx2")]
-    #[inline(never)]
-    fn sobel_differences_avx2<C: Code, const INVALID: bool>(
-        &self,
-        points: &[Packet; 3],
-        middle: &Packet,
-        differences: &mut [Packet; 3],
-    ) {
-        self.sobel_differences_on::<C, Avx2, INVALID>(points, middle, differences);
-    }
-
-    #[inline(always)]
-    fn sobel_differences_on<C: Code, U: Unit, const INVALID: bool>(
-        &self,
-        points: &[Packet; 3],
-        middle: &Packet,
-        differences: &mut [Packet; 3],
-    ) {
-        let (voxel, t) = self.voxels_around(points);
-        // SAFETY: such are the returned voxels.
-        let odd = unsafe { self.shared_sobel::<C, INVALID>(&voxel, &t, differences) };
-        if INVALID && odd > 0.0 {
-            self.sobel_samples::<C, U, INVALID>(points, middle, differences);
-        }
-    }
-
-    /// [`Brick::sobel_differences`] at the given voxels and fractions towards their upper neighbours. With `INVALID`,
-    /// returns the number of voxels read that are no codes; unless it is 0, the differences are useless.
+    /// [`Brick::sobel_differences`] at the given voxels and fractions towards their upper neighbours. Also returns
+    /// the number of voxels read that are no codes, if voxels may have no value; unless it is 0, the differences are
+    /// useless.
     ///
     /// # Safety
     /// Every index is that of a voxel with a lower neighbour and two upper ones along each axis.
     #[inline(always)]
-    unsafe fn shared_sobel<C: Code, const INVALID: bool>(
-        &self,
-        voxel: &[i32; LANES],
-        t: &[Packet; 3],
-        differences: &mut [Packet; 3],
-    ) -> f32 {
+    unsafe fn shared_sobel<C: Code>(&self, voxel: &[i32; LANES], t: &[Packet; 3]) -> ([Packet; 3], f32) {
         let (row, slice) = (self.padded() as isize, (self.padded() * self.padded()) as isize);
         let [x, y, z] = [0, 1, 2].map(|a| Across::new(&t[a]));
         // Of each slice: the difference along x, that along y, and the smoothed sum.
@@ -125,8 +94,8 @@ impl Brick<'_> {
                 let [mut a, mut b, mut c, mut d] = [[0.0; LANES]; 4];
                 // SAFETY: by the caller's promise these voxels are inside the brick.
                 unsafe {
-                    self.pairs::<C, INVALID>((voxel, at - 1), [&mut a, &mut b], &mut odd);
-                    self.pairs::<C, INVALID>((voxel, at + 1), [&mut c, &mut d], &mut odd);
+                    self.pairs::<C>((voxel, at - 1), [&mut a, &mut b], &mut odd);
+                    self.pairs::<C>((voxel, at + 1), [&mut c, &mut d], &mut odd);
                 }
                 line_along[j] = x.difference([&a, &b, &c, &d]);
                 line[j] = x.smoothed([&a, &b, &c, &d]);
@@ -135,37 +104,9 @@ impl Brick<'_> {
             along_y[k] = y.difference(line.each_ref());
             smooth[k] = y.smoothed(line.each_ref());
         }
-        *differences =
+        let mut differences =
             [z.smoothed(along_x.each_ref()), z.smoothed(along_y.each_ref()), z.difference(smooth.each_ref())];
-        self.scale_to_codes::<C>(differences);
-        odd.iter().sum()
-    }
-
-    /// [`Brick::sobel_differences`] by samples.
-    #[inline(always)]
-    pub(crate) fn sobel_samples<C: Code, U: Unit, const INVALID: bool>(
-        &self,
-        points: &[Packet; 3],
-        middle: &Packet,
-        differences: &mut [Packet; 3],
-    ) {
-        *differences = [[0.0; LANES]; 3];
-        for place in 0..PLACES {
-            let offset = [place % 3, place / 3 % 3, place / 9].map(|side| side as f32 - 1.0);
-            let (mut places, mut weight) = (*points, [1.0; LANES]);
-            for a in 0..3 {
-                for i in 0..LANES {
-                    places[a][i] += offset[a];
-                }
-            }
-            let codes = self.sample_points::<C, U, INVALID>(&places, &mut weight);
-            let smooth = offset.map(|side| SMOOTH[(side + 1.0) as usize] as f32);
-            for a in 0..3 {
-                let share = offset[a] * smooth[(a + 1) % 3] * smooth[(a + 2) % 3];
-                for i in 0..LANES {
-                    differences[a][i] += share * if weight[i] > 0.0 { codes[i] } else { middle[i] };
-                }
-            }
-        }
+        self.scale_to_codes::<C>(&mut differences);
+        (differences, odd.iter().sum())
     }
 }

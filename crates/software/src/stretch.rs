@@ -4,28 +4,22 @@ use crate::frame::{Cell, Frame};
 use crate::macrocells::{Blocks, Reach, block_length};
 use crate::packet::{CHUNK, LANES, PACKETS};
 use crate::ray::{NO_RANK, Ray};
-use crate::sample::{Brick, SampleChunk};
+use crate::sample::{Brick, Code, SampleChunk};
+use crate::unit::Unit;
 use brickyard_volume::CutFace;
 use brickyard_volume::macrocells::CELL_EDGE;
 use glam::{DVec3, Mat3};
 use std::ops::Range;
 
-/// A frame's cell and its brick, for marching stretches.
+/// A stretch of a ray through a frame's cell, and the cell's brick.
 pub(crate) struct March<'a> {
     pub(crate) frame: &'a Frame<'a>,
     pub(crate) cell: &'a Cell<'a>,
     pub(crate) brick: Brick<'a>,
+    pub(crate) stretch: &'a Stretch,
 }
 
 impl March<'_> {
-    /// A ray's origin and unit direction in the scene's world.
-    #[inline(always)]
-    pub(crate) fn world_ray(&self, ray: &Ray) -> (DVec3, DVec3) {
-        let (geometry, placement) = (&self.frame.settings.geometry, &self.frame.settings.placement);
-        let eye = placement.world_from_volume(geometry.world_from_voxel(DVec3::from_array(ray.origin)));
-        (eye, placement.world_vector(DVec3::from_array(ray.direction) * geometry.spacing))
-    }
-
     /// Whether the ray enters at the segment at tick `first`, through a cut that caps surfaces.
     #[inline(always)]
     pub(crate) fn is_capped(&self, ray: &Ray, first: u32) -> bool {
@@ -36,6 +30,14 @@ impl March<'_> {
         let (start, _) = ray.ends(&self.frame.ticks, first);
         let [origin, direction] = [ray.origin, ray.direction].map(DVec3::from_array);
         settings.cap(self.frame.extent, (origin, direction), ray.eye, start).is_some()
+    }
+
+    /// Samples these segments in their middles, or as many of them as a chunk holds.
+    #[inline(always)]
+    pub(crate) fn sample<C: Code, U: Unit>(&self, ray: &Ray, chunk: &mut SampleChunk, segments: Range<i32>) {
+        let Stretch { origin, step, .. } = *self.stretch;
+        self.stretch.place_samples(self.frame, ray, chunk, segments, C::INVALID);
+        self.brick.read::<C, U>(self.frame.reading, origin, step, chunk);
     }
 
     /// The map from differences of codes across two voxels to the scene's gradient, of any length; and the least
@@ -49,11 +51,7 @@ impl March<'_> {
     /// per unit of distance; `None` without a cut.
     #[inline(always)]
     pub(crate) fn cut(&self, ray: &Ray) -> Option<(CutFace, f64)> {
-        self.frame.settings.clip.as_ref()?;
-        let direction = DVec3::from_array(ray.direction);
-        let origin = DVec3::from_array(ray.origin);
-        let cut = self.frame.settings.cut_face(self.frame.extent, (origin, direction), ray.eye)?;
-        Some((cut, cut.voxels_per_distance(direction, DVec3::from_array(self.cell.scale).recip())))
+        self.frame.cut(ray, self.cell.scale)
     }
 }
 
@@ -136,10 +134,16 @@ impl Stretch {
     /// them loses its rank, as voxels there may have had no value.
     #[inline(always)]
     pub(crate) fn reach(&self, ray: &mut Ray, segments: &Range<i32>, has_invalid: bool) {
-        if has_invalid && ray.past.reached != self.start + ((segments.start as u32) << self.zone) {
+        if has_invalid && ray.past.reached != self.tick(segments.start) {
             ray.past.rank = NO_RANK;
         }
-        ray.past.reached = self.start + ((segments.end as u32) << self.zone);
+        ray.past.reached = self.tick(segments.end);
+    }
+
+    /// The tick of a segment.
+    #[inline(always)]
+    pub(crate) fn tick(&self, segment: i32) -> u32 {
+        self.start + ((segment as u32) << self.zone)
     }
 
     /// The place of a distance along the stretch, in segments from the middle of the first.
@@ -202,14 +206,16 @@ impl Stretch {
         (self.length * frame.per_unit) as f32
     }
 
-    /// Places the samples of these segments in a chunk, or of as many of them as it holds.
+    /// Places the samples of these segments in a chunk, or of as many of them as it holds. They never count as whole
+    /// steps if voxels may have no value.
     #[inline(always)]
-    pub(crate) fn place_samples<const INVALID: bool>(
+    pub(crate) fn place_samples(
         &self,
         frame: &Frame<'_>,
         ray: &Ray,
         chunk: &mut SampleChunk,
         Range { start: done, end: to }: Range<i32>,
+        has_invalid: bool,
     ) {
         let full = self.weight(frame);
         let left = to - done;
@@ -223,13 +229,12 @@ impl Stretch {
         }
         let cut_first = self.start == ray.first && done == 0;
         let cut_last = self.end == ray.end && to == self.count && left <= CHUNK as i32;
-        let all_whole = !INVALID && !cut_first && !cut_last;
+        let all_whole = !has_invalid && !cut_first && !cut_last;
         chunk.whole_steps = if all_whole { left.min(CHUNK as i32) as usize } else { 0 };
         chunk.zone = self.zone;
         for (is_cut, lane) in [(cut_first, 0), (cut_last, left - 1)] {
             if is_cut {
-                let tick = self.start + (((done + lane) as u32) << self.zone);
-                let (middle, length) = ray.segment(&frame.ticks, tick);
+                let (middle, length) = ray.segment(&frame.ticks, self.tick(done + lane));
                 let (p, i) = (lane as usize / LANES, lane as usize % LANES);
                 chunk.along[p][i] = self.along(middle);
                 chunk.weight[p][i] = (length.max(0.0) * frame.per_unit) as f32;

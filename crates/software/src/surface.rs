@@ -9,10 +9,11 @@
 use crate::frame::{Cell, Frame, INSIDE, OUTSIDE};
 use crate::macrocells::{Coverage, Mask, Reach};
 use crate::modes::Accumulate;
-use crate::packet::{LANES, Packet};
+use crate::packet::{LANES, Packet, points};
 use crate::ray::Ray;
-use crate::sample::{Code, SampleChunk, Unit};
+use crate::sample::{Code, SampleChunk};
 use crate::stretch::{March, Stretch};
+use crate::unit::Unit;
 use brickyard_volume::lighting::headlight;
 use brickyard_volume::surface::{FLAT_SHARE, PARTS, ROUNDS};
 use glam::{Vec3, Vec4};
@@ -37,9 +38,6 @@ const _: () = assert!(PARTS == LANES, "a round is a packet");
 pub(crate) struct Isosurface;
 
 impl Accumulate for Isosurface {
-    const START: Vec4 = Vec4::W;
-    const FRONT_TO_BACK: bool = true;
-    const OCCLUDES: bool = true;
     const REACH: Reach = Reach::Beyond;
 
     #[inline(always)]
@@ -52,13 +50,8 @@ impl Accumulate for Isosurface {
     }
 
     #[inline(always)]
-    fn take<C: Code, U: Unit, const INVALID: bool>(
-        march: &March<'_>,
-        stretch: &Stretch,
-        ray: &mut Ray,
-        chunk: &mut SampleChunk,
-        segments: Range<i32>,
-    ) {
+    fn take<C: Code, U: Unit>(march: &March<'_>, ray: &mut Ray, chunk: &mut SampleChunk, segments: Range<i32>) {
+        let stretch = march.stretch;
         let ticks = &march.frame.ticks;
         let [low, high] = stretch.sampleable(march.frame.edge + 2 * march.frame.apron);
         let inside = |along: f32| {
@@ -70,14 +63,14 @@ impl Accumulate for Isosurface {
                 along
             }
         };
-        let first = stretch.start + ((segments.start as u32) << stretch.zone);
-        if INVALID && march.frame.settings.encoding.has_invalid && ray.past.reached != first {
+        let first = stretch.tick(segments.start);
+        if C::INVALID && march.frame.settings.encoding.has_invalid && ray.past.reached != first {
             ray.sum.x = 0.0;
         }
         if ray.sum.x == 0.0 {
             let start = inside(stretch.along(ray.ends(ticks, first).0));
-            let line = Line { march, stretch, threshold: march.frame.thresholds[0] };
-            ray.sum.x = line.side::<C, U, INVALID>(start);
+            let line = Line { march, threshold: march.frame.thresholds[0] };
+            ray.sum.x = line.side::<C, U>(start);
             if ray.sum.x == INSIDE && march.is_capped(ray, first) {
                 ray.sum = line.cap(ray).extend(0.0);
                 return;
@@ -96,10 +89,10 @@ impl Accumulate for Isosurface {
             }
             let last = (left - 1) as usize;
             if stretch.end == ray.end && segments.end == stretch.count && last < TOGETHER * LANES {
-                let tick = stretch.start + (((stretch.count - 1) as u32) << stretch.zone);
-                chunk.along[last / LANES][last % LANES] = inside(stretch.along(ray.ends(ticks, tick).1));
+                let (_, end) = ray.ends(ticks, stretch.tick(stretch.count - 1));
+                chunk.along[last / LANES][last % LANES] = inside(stretch.along(end));
             }
-            march.brick.read::<C, U, INVALID>(march.frame.reading, stretch.origin, stretch.step, chunk);
+            march.brick.read::<C, U>(march.frame.reading, stretch.origin, stretch.step, chunk);
             for p in 0..chunk.packets.min(TOGETHER) {
                 let lanes = left - (p * LANES) as i32;
                 let Some(i) =
@@ -108,17 +101,16 @@ impl Accumulate for Isosurface {
                     continue;
                 };
                 let segment = done + (p * LANES + i) as i32;
-                let tick = stretch.start + ((segment as u32) << stretch.zone);
-                let from = inside(stretch.along(ray.ends(ticks, tick).0));
+                let from = inside(stretch.along(ray.ends(ticks, stretch.tick(segment)).0));
                 let end = [chunk.along[p][i], chunk.code[p][i]];
-                let line = Line { march, stretch, threshold: march.frame.thresholds[0] };
-                let hit = line.locate::<C, U, INVALID>(from, end);
-                ray.sum = line.lit::<C, U, INVALID>(ray, hit).extend(0.0);
+                let line = Line { march, threshold: march.frame.thresholds[0] };
+                let hit = line.locate::<C, U>(from, end);
+                ray.sum = line.lit::<C, U>(ray, hit).extend(0.0);
                 return;
             }
             done += (TOGETHER * LANES) as i32;
         }
-        ray.past.reached = stretch.start + ((segments.end as u32) << stretch.zone);
+        ray.past.reached = stretch.tick(segments.end);
     }
 
     #[inline(always)]
@@ -154,7 +146,6 @@ fn crossing(threshold: f32, side: &mut f32, code: &Packet, weight: &Packet, coun
 /// stretch's first.
 pub(crate) struct Line<'a> {
     pub(crate) march: &'a March<'a>,
-    pub(crate) stretch: &'a Stretch,
     /// The surface's threshold, in codes.
     pub(crate) threshold: f32,
 }
@@ -162,8 +153,8 @@ pub(crate) struct Line<'a> {
 impl Line<'_> {
     /// The side of a place; 0 if it has no value.
     #[inline(always)]
-    fn side<C: Code, U: Unit, const INVALID: bool>(&self, along: f32) -> f32 {
-        let (code, weight) = self.sample::<C, U, INVALID>(&[along; LANES]);
+    fn side<C: Code, U: Unit>(&self, along: f32) -> f32 {
+        let (code, weight) = self.sample::<C, U>(&[along; LANES]);
         match weight[0] > 0.0 {
             true if code[0] >= self.threshold => INSIDE,
             true => OUTSIDE,
@@ -173,11 +164,7 @@ impl Line<'_> {
 
     /// Locates the surface between the places `from` and `to`; `to` is behind it and given with its code.
     #[inline(always)]
-    pub(crate) fn locate<C: Code, U: Unit, const INVALID: bool>(
-        &self,
-        mut from: f32,
-        [mut to, mut to_code]: [f32; 2],
-    ) -> f32 {
+    pub(crate) fn locate<C: Code, U: Unit>(&self, mut from: f32, [mut to, mut to_code]: [f32; 2]) -> f32 {
         let threshold = self.threshold;
         let is_inside = to_code >= threshold;
         // The place behind is the surface, if the one in front turns out to have no value.
@@ -188,7 +175,7 @@ impl Line<'_> {
             for i in 0..LANES {
                 along[i] = from + i as f32 * part;
             }
-            let (code, weight) = self.sample::<C, U, INVALID>(&along);
+            let (code, weight) = self.sample::<C, U>(&along);
             let mut past = 1 << LANES;
             for i in 0..LANES {
                 past |= ((((code[i] >= threshold) == is_inside) & (weight[i] > 0.0)) as u32) << i;
@@ -211,16 +198,15 @@ impl Line<'_> {
     /// The colour of a cap on the cut through which the ray enters.
     #[inline(never)]
     fn cap(&self, ray: &Ray) -> Vec3 {
-        let (_, direction) = self.march.world_ray(ray);
+        let (_, direction) = self.march.frame.world_ray(ray);
         let cosine = self.march.cut(ray).map(|(cut, _)| cut.normal.dot(direction));
         let (own, white) = headlight(cosine);
         Vec3::from(self.march.frame.settings.surfaces[0].color) * own as f32 + Vec3::splat(white as f32)
     }
 
     #[inline(always)]
-    fn lit<C: Code, U: Unit, const INVALID: bool>(&self, ray: &Ray, along: f32) -> Vec3 {
-        let March { frame, cell, brick } = self.march;
-        let (origin, step) = (self.stretch.origin, self.stretch.step);
+    fn lit<C: Code, U: Unit>(&self, ray: &Ray, along: f32) -> Vec3 {
+        let March { frame, cell, brick, stretch: &Stretch { origin, step, .. } } = *self.march;
         let (mut points, mut weight) = ([[0.0; LANES]; 3], [1.0; LANES]);
         // A voxel to each side along each axis, or as far as the brick goes.
         let far = (frame.edge + 2 * frame.apron - 1) as f32;
@@ -229,7 +215,7 @@ impl Line<'_> {
             points[a] = [at; LANES];
             (points[a][2 * a], points[a][2 * a + 1]) = ((at + 1.0).min(far), (at - 1.0).max(0.0));
         }
-        let mut code = brick.read_points::<C, U, INVALID>(frame.reading.of_gradients(), &points, &mut weight);
+        let mut code = brick.read_points::<C, U>(frame.reading.of_gradients(), &points, &mut weight);
         let spacing = frame.settings.geometry.spacing.to_array();
         let (mut differences, mut gradient, mut direction) = (Vec3::ZERO, Vec3::ZERO, Vec3::ZERO);
         for i in 0..LANES {
@@ -248,14 +234,10 @@ impl Line<'_> {
 
     /// The codes at these places, and weights of 0 where values are missing.
     #[inline(always)]
-    fn sample<C: Code, U: Unit, const INVALID: bool>(&self, along: &Packet) -> (Packet, Packet) {
-        let (mut points, mut weight) = ([[0.0; LANES]; 3], [1.0; LANES]);
-        for a in 0..3 {
-            for i in 0..LANES {
-                points[a][i] = self.stretch.origin[a] + along[i] * self.stretch.step[a];
-            }
-        }
-        let code = self.march.brick.read_points::<C, U, INVALID>(self.march.frame.reading, &points, &mut weight);
+    fn sample<C: Code, U: Unit>(&self, along: &Packet) -> (Packet, Packet) {
+        let Stretch { origin, step, .. } = *self.march.stretch;
+        let (points, mut weight) = (points(origin, step, along), [1.0; LANES]);
+        let code = self.march.brick.read_points::<C, U>(self.march.frame.reading, &points, &mut weight);
         (code, weight)
     }
 }

@@ -3,11 +3,12 @@
 
 use crate::compositing::JointMarch;
 use crate::frame::Frame;
-use crate::march::{MarchTile, Seen, Work, for_frame};
+use crate::march::{MarchTile, Seen, Work};
 use crate::meshes::{MeshLayers, MeshTree};
 use crate::mixture::{OPAQUE, Projections};
 use crate::sample::SampleChunk;
 use crate::tiles::{PIXELS, Tile, TilePixels, places};
+use crate::unit::Choice;
 use brickyard_volume::{Blend, Combination, Picture};
 use glam::Vec4;
 
@@ -42,10 +43,11 @@ impl<'a> Scene<'a> {
         is_one_cut: bool,
         combination: Option<&'a Combination>,
     ) -> Self {
+        let alone = |frame: &Frame<'_>| frame.for_machine(&frame.settings.encoding);
         let drawn = if !is_mixed {
-            Drawn::Single(for_frame(&frames[0]))
+            Drawn::Single(alone(&frames[0]))
         } else if frames[0].settings.mode.is_projection() {
-            Drawn::Projected(frames.iter().map(for_frame).collect())
+            Drawn::Projected(frames.iter().map(alone).collect())
         } else {
             Drawn::Joint(JointMarch::new(&frames, combination, is_one_cut))
         };

@@ -1,7 +1,6 @@
 //! The transfer table, for quick look-up.
 
 use crate::frame::Frame;
-use crate::packet::{LANES, Packet};
 use glam::Vec4;
 
 /// A frame's transfer table, for quick look-up.
@@ -17,15 +16,6 @@ impl<'a> Entries<'a> {
         let entries = &frame.settings.table.entries[..];
         assert!(entries.len() >= 2 && entries.len() <= 1 << 24);
         Self { entries, limit: ((entries.len() - 1) as i32 as f32).next_down() }
-    }
-
-    #[inline(always)]
-    pub(crate) fn positions(&self, frame: &Frame<'_>, code: &Packet) -> Packet {
-        let mut position = [0.0f32; LANES];
-        for i in 0..LANES {
-            position[i] = code[i] * frame.positions_per_code;
-        }
-        position
     }
 
     /// The interpolated entry at a position in entries: the twin of [`brickyard_volume::TransferTable::lookup`].
