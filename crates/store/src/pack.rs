@@ -213,7 +213,7 @@ pub enum PackError {
     },
     /// The output exists, and [`Exists::Refuse`] was chosen.
     #[error("{path}: exists already{}; choose another name, or pass {}", if *unfinished { " (an unfinished pack)" } else { "" },
-        if *unfinished { "`resume` to finish it or `overwrite` to start over" } else { "`overwrite` to replace it" }, path = path.display())]
+        if *unfinished { "`resume` to finish it or `overwrite` to start over" } else { "`overwrite` to replace it" })]
     Exists {
         /// The output's path.
         path: PathBuf,
@@ -224,14 +224,16 @@ pub enum PackError {
     #[error(transparent)]
     Inside(#[from] InsideStore),
     /// The output exists, but is nothing replaceable by packing.
-    #[error("{path}: is neither a brick store nor an unfinished pack, and is left alone; choose another name, or \
-             remove it", path = path.display())]
+    #[error(
+        "{path}: is neither a brick store nor an unfinished pack, and is left alone; choose another name, or \
+         remove it"
+    )]
     NotOurs {
         /// The output's path.
         path: PathBuf,
     },
     /// The existing pack was made from other data or with other settings.
-    #[error("{store}: cannot be resumed: {difference}; use the same input and settings, or `overwrite` to start over", store = store.display())]
+    #[error("{store}: cannot be resumed: {difference}; use the same input and settings, or `overwrite` to start over")]
     Mismatch {
         /// The store.
         store: PathBuf,
@@ -241,8 +243,7 @@ pub enum PackError {
     /// Overwriting would delete foreign files.
     #[error(
         "{store}: cannot be replaced: {found} is not part of the store, and replacing would delete it; move it away, or choose \
-         another name",
-        store = store.display(), found = found.display()
+         another name"
     )]
     Foreign {
         /// The store.
@@ -251,10 +252,7 @@ pub enum PackError {
         found: PathBuf,
     },
     /// The name `STORE.packing`, needed to replace a finished store, is taken.
-    #[error(
-        "{path}: is in the way: replacing {store} needs this name; move it away, or choose another output",
-        path = path.display(), store = store.display()
-    )]
+    #[error("{path}: is in the way: replacing {store} needs this name; move it away, or choose another output")]
     InTheWay {
         /// The occupied path, `STORE.packing`.
         path: PathBuf,
@@ -264,7 +262,7 @@ pub enum PackError {
     /// Another pack is running on the same output.
     #[error(
         "{store}: another process packs into it{}; wait for it, or stop it",
-        holder.as_ref().map_or(String::new(), |holder| format!(" ({holder})")), store = store.display()
+        holder.as_ref().map_or(String::new(), |holder| format!(" ({holder})"))
     )]
     Busy {
         /// The directory of the other pack.
@@ -275,8 +273,7 @@ pub enum PackError {
     /// The file system does not lock files, so a concurrent pack would go unnoticed.
     #[error(
         "{path}: {error}: this file system cannot lock files, so another pack into the same store would go unnoticed; \
-         pack to a local disk or to NFS, and move the store from there",
-        path = path.display()
+         pack to a local disk or to NFS, and move the store from there"
     )]
     NoLock {
         /// The intended place of the store.
@@ -286,7 +283,7 @@ pub enum PackError {
         error: std::io::Error,
     },
     /// [`Progress::is_cancelled`] stopped the pack. Finished shards stay; no unfinished file has a final name.
-    #[error("cancelled; {done} of {total} shards of {store} are finished, and `resume` goes on", store = store.display())]
+    #[error("cancelled; {done} of {total} shards of {store} are finished, and `resume` goes on")]
     Cancelled {
         /// The unfinished store.
         store: PathBuf,
@@ -296,7 +293,7 @@ pub enum PackError {
         total: u64,
     },
     /// The source failed midway. Finished shards stay.
-    #[error("{error}; {done} of {total} shards of {store} are finished: correct the input and run again with `resume`", store = store.display())]
+    #[error("{error}; {done} of {total} shards of {store} are finished: correct the input and run again with `resume`")]
     Source {
         /// The source's error.
         #[source]
@@ -311,7 +308,7 @@ pub enum PackError {
     /// A write failed midway, usually from a full disk. Finished shards stay; no unfinished file has a final name.
     #[error(
         "{path}: {error}; {done} of {total} shards of {store} are finished: {cure} and run again with `resume`",
-        path = path.display(), store = store.display(), cure = cure(error, *needed_bytes)
+        cure = cure(error, *needed_bytes)
     )]
     Incomplete {
         /// The file being written.
@@ -329,7 +326,7 @@ pub enum PackError {
         needed_bytes: u64,
     },
     /// Freshly written data are unreadable.
-    #[error("{error}; this pack has just written it: check the disk of {store} and start over with `overwrite`", store = store.display())]
+    #[error("{error}; this pack has just written it: check the disk of {store} and start over with `overwrite`")]
     ReadBack {
         /// The read error.
         #[source]
@@ -340,8 +337,7 @@ pub enum PackError {
     /// A thread of the packer, or of the source, panicked.
     #[error(
         "this program (or the reader of the input) has a fault: {words:?}; {done} of {total} shards of {store} are finished, \
-         and `resume` goes on; please report this",
-        store = store.display()
+         and `resume` goes on; please report this"
     )]
     Panic {
         /// The panic's message.
@@ -354,7 +350,7 @@ pub enum PackError {
         total: u64,
     },
     /// The directory is not writable, by its permissions or on a read-only file system.
-    #[error("{path}: cannot be written: {error}", path = path.display())]
+    #[error("{path}: cannot be written: {error}")]
     ReadOnly {
         /// The directory.
         path: PathBuf,
@@ -363,7 +359,7 @@ pub enum PackError {
         error: std::io::Error,
     },
     /// The operating system refused an operation before this run packed anything.
-    #[error("{path}: {error}", path = path.display())]
+    #[error("{path}: {error}")]
     Io {
         /// The file or directory.
         path: PathBuf,
