@@ -21,7 +21,7 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Number of bins of a [`Histogram`].
 pub const HISTOGRAM_BINS: usize = 256;
@@ -386,8 +386,18 @@ pub fn level_document(layout: &Layout, level: Level, info: &StoreInfo) -> Value 
     document
 }
 
+/// The documents of a level's array, and of its apron array if there is one, with their paths.
+pub(crate) fn voxel_documents(store: &Path, layout: &Layout, level: Level, info: &StoreInfo) -> Vec<(PathBuf, Value)> {
+    let path = |layout: &Layout| store.join(layout.level_path(level)).join("zarr.json");
+    let aprons = info.apron().map(|apron| {
+        let layout = layout.of_aprons();
+        (path(&layout), apron_document(&layout, level, apron, info))
+    });
+    [(path(layout), level_document(layout, level, info))].into_iter().chain(aprons).collect()
+}
+
 /// The document of a level's apron array: one row of voxels per brick.
-pub(crate) fn apron_document(layout: &Layout, level: Level, apron: Apron, info: &StoreInfo) -> Value {
+fn apron_document(layout: &Layout, level: Level, apron: Apron, info: &StoreInfo) -> Value {
     let with_voxels = |per_axis: Vec<u32>| [per_axis, vec![apron.voxels() as u32]].concat();
     let bricks = layout.pyramid.level(level).bricks.to_array();
     let shape = with_voxels(layout.per_axis(layout.times, layout.channels, bricks));
@@ -463,44 +473,32 @@ pub fn document_bytes(document: &Value) -> Vec<u8> {
     text.into_bytes()
 }
 
-/// Allowed number of time steps in a store's arrays.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Steps {
-    /// The layout's number.
-    Exactly,
-    /// At least the layout's number: an interrupted append may have added steps.
-    AtLeast,
-}
-
-impl Steps {
-    pub(crate) fn of(info: &StoreInfo) -> Self {
-        if info.times.is_some() { Self::AtLeast } else { Self::Exactly }
-    }
-
-    /// Whether shape `found` may replace `expected`; the first axis is time.
-    fn allow(self, expected: &Value, found: &Value) -> bool {
-        let (Self::AtLeast, Some(expected), Some(found)) = (self, expected.as_array(), found.as_array()) else {
-            return false;
-        };
-        let times = |shape: &[Value]| shape.first().and_then(Value::as_u64);
-        expected[1..] == found[found.len().min(1)..] && times(expected) <= times(found)
-    }
-}
-
-/// Compares an array document with the expected one; an error names the first differing field.
-pub(crate) fn check_array(path: &Path, expected: &Value, found: &Value, steps: Steps) -> Result<(), OpenError> {
+/// Compares an array document with the expected one; an error names the first differing field. In a store with appended
+/// steps an array `may_be_longer`: an interrupted append may have added some.
+pub(crate) fn check_array(path: &Path, expected: &Value, found: &Value, may_be_longer: bool) -> Result<(), OpenError> {
     const FIELDS: [&str; 8] =
         ["zarr_format", "node_type", "shape", "data_type", "chunk_grid", "chunk_key_encoding", "fill_value", "codecs"];
     for field in FIELDS {
         let (want, have) = (&expected[field], &found[field]);
         // 0 and 0.0 are the same fill value.
         let same = want == have || (want.as_f64().is_some() && want.as_f64() == have.as_f64());
-        if !(same || field == "shape" && steps.allow(want, have)) {
-            let or_more = if field == "shape" && steps == Steps::AtLeast { ", or a greater first number" } else { "" };
+        let or_more = may_be_longer && field == "shape";
+        if !(same || or_more && is_longer(want, have)) {
+            let or_more = if or_more { ", or a greater first number" } else { "" };
             return Err(OpenError::invalid(path, field, format!("{want}{or_more}"), have));
         }
     }
     Ok(())
+}
+
+/// Whether a shape has at least the expected number of time steps, its first axis, and is the same otherwise.
+fn is_longer(expected: &Value, found: &Value) -> bool {
+    let times_and_rest = |shape: &Value| {
+        let (times, rest) = shape.as_array()?.split_first()?;
+        Some((times.as_u64(), rest.to_vec()))
+    };
+    let (Some(expected), Some(found)) = (times_and_rest(expected), times_and_rest(found)) else { return false };
+    expected.1 == found.1 && expected.0 <= found.0
 }
 
 /// The remedy for a store written by another program.

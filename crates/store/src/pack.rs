@@ -41,15 +41,15 @@ pub use plan::{PackPlan, plan};
 use crate::codec::Codec;
 use crate::downsample::Reductions;
 use crate::error::{InsideStore, ReadError};
-use crate::layout::{DEFAULT_SHARD_EDGE, Layout, check_edges};
+use crate::layout::{DEFAULT_SHARD_EDGE, check_edges};
 use crate::metadata::ChannelStatistics;
-use crate::metadata::{Kind, StoreInfo, apron_document, document_bytes, level_document, root_document};
-use crate::side::{SideArray, level_arrays};
+use crate::metadata::{Kind, StoreInfo, document_bytes, root_document};
+use crate::side::array_documents;
 use crate::stats::ChannelTotals;
 use crate::version::FORMAT_VERSION;
 use aprons::ApronPass;
 use brickyard_import::{ImportError, Source, SourceInfo};
-use brickyard_volume::{Apron, ChannelLook, DEFAULT_BRICK_EDGE, Level, MAX_APRON, VoxelType, with_voxel_type};
+use brickyard_volume::{Apron, ChannelLook, DEFAULT_BRICK_EDGE, MAX_APRON, VoxelType, with_voxel_type};
 use cascade::{Pass, Passed, Reached, Stop};
 use disk::{Disk, Part};
 use output::Output;
@@ -580,22 +580,10 @@ fn write_metadata(
         settings_fingerprint: fingerprint(settings),
         complete: true,
     };
-    let document = |layout: &Layout, level: Level, document: &Value| {
-        (dir.join(layout.level_path(level)).join("zarr.json"), document_bytes(document))
-    };
-    let mut files = Vec::new();
     for Stage { layout, level, .. } in &plan.stages {
-        let arrays = level_arrays(dir, layout, *level, info.voxel_type);
-        files.extend(arrays.iter().map(SideArray::document_file));
-        files.push(document(layout, *level, &level_document(layout, *level, &store_info)));
-        if let Some(apron) = options.apron() {
-            let layout = layout.of_aprons();
-            files.push(SideArray::fingerprints(dir, &layout, *level).document_file());
-            files.push(document(&layout, *level, &apron_document(&layout, *level, apron, &store_info)));
+        for (path, document) in array_documents(dir, layout, *level, &store_info) {
+            disk.write_early(&path, &document_bytes(&document))?;
         }
-    }
-    for (path, bytes) in files {
-        disk.write_early(&path, &bytes)?;
     }
     disk.sync_parts(dir, [Part::Tree(dir)])?;
     disk.write(&dir.join("zarr.json"), &document_bytes(&root_document(layout, &info.geometry, &store_info)))?;

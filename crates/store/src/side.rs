@@ -15,11 +15,10 @@
 //! crc32c. So a store opens without reading any, a page is read on first access to its box, and new time steps leave
 //! old pages unchanged. A page of ranges takes 16 KiB to 64 KiB in memory.
 
-use crate::error::{OpenError, ReadError};
+use crate::error::ReadError;
 use crate::folder::Folder;
-use crate::json::read_json;
 use crate::layout::{Layout, place_at};
-use crate::metadata::{Steps, array_document, bytes_codec, check_array, document_bytes, sharding_codecs};
+use crate::metadata::{StoreInfo, array_document, bytes_codec, sharding_codecs, voxel_documents};
 use crate::shard::Fingerprint;
 use crate::side_file;
 use brickyard_volume::{BrickId, Extent, Level, Occupancy, OccupancyBins, PageId, Paging, VoxelType};
@@ -86,14 +85,6 @@ impl SideArray {
         self.paging().page_cells() * self.values as usize * self.element_bytes
     }
 
-    pub(crate) fn dir(&self) -> &Path {
-        &self.dir
-    }
-
-    pub(crate) fn document_path(&self) -> PathBuf {
-        self.dir.join("zarr.json")
-    }
-
     pub(crate) fn page_path(&self, PageId { time, channel, z, y, x, .. }: PageId) -> PathBuf {
         self.dir.join(format!("c/{}/{channel}/{z}/{y}/{x}/0", time / self.file_times))
     }
@@ -105,21 +96,10 @@ impl SideArray {
         ((time - first) as usize, self.file_times as usize, filled as usize)
     }
 
-    /// The array's document: path and content.
-    pub(crate) fn document_file(&self) -> PageFile {
-        (self.document_path(), document_bytes(&self.document()))
-    }
-
     /// The file for a page stored alone: path, and encoded `bytes`.
     pub(crate) fn page_file(&self, page: PageId, bytes: &[u8]) -> PageFile {
         debug_assert!(bytes.len() == self.page_bytes() && self.file_times == 1);
         (self.page_path(page), side_file::encode(bytes))
-    }
-
-    /// Compares the array's document with the one expected from the layout.
-    pub(crate) fn check(&self, folder: &Folder, steps: Steps) -> Result<(), OpenError> {
-        let path = self.document_path();
-        check_array(&path, &self.document(), &read_json(folder, &path)?, steps)
     }
 
     pub(crate) fn read_page(&self, folder: &Folder, page: PageId) -> Result<Vec<u8>, ReadError> {
@@ -138,7 +118,7 @@ impl SideArray {
         PageId { time, channel, level, z, y, x }
     }
 
-    pub(crate) fn document(&self) -> Value {
+    fn document(&self) -> Value {
         let (grid, page) = (self.grid, self.paging().page_extent());
         let shape = [self.times, self.channels, grid.z, grid.y, grid.x, self.values];
         let chunk = |steps| [steps, 1, page.z, page.y, page.x, self.values];
@@ -200,6 +180,18 @@ pub(crate) fn level_arrays(store: &Path, layout: &Layout, level: Level, voxel_ty
     ]
 }
 
+/// The documents of a level's side data, and of its aprons' if there are any, with their paths.
+pub(crate) fn side_documents(store: &Path, layout: &Layout, level: Level, info: &StoreInfo) -> Vec<(PathBuf, Value)> {
+    let aprons = info.apron().map(|_| SideArray::fingerprints(store, &layout.of_aprons(), level));
+    let arrays = level_arrays(store, layout, level, info.voxel_type).into_iter().chain(aprons);
+    arrays.map(|array| (array.dir.join("zarr.json"), array.document())).collect()
+}
+
+/// The documents of all arrays of a level of one pyramid, with their paths: voxels, then side data.
+pub(crate) fn array_documents(store: &Path, layout: &Layout, level: Level, info: &StoreInfo) -> Vec<(PathBuf, Value)> {
+    [voxel_documents(store, layout, level, info), side_documents(store, layout, level, info)].concat()
+}
+
 /// The value ranges of the bricks of one page.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RangePage {
@@ -250,8 +242,10 @@ impl SidePages {
 
     /// Most memory taken by cached pages, in bytes.
     pub(crate) fn cache_bytes(&self) -> u64 {
-        let levels = (0..self.layout.pyramid.levels().len()).map(|k| Level(k as u8));
-        let arrays = levels.map(|level| SideArray::ranges(self.folder.path(), &self.layout, level, self.voxel_type));
+        let arrays = self
+            .layout
+            .levels()
+            .map(|level| SideArray::ranges(self.folder.path(), &self.layout, level, self.voxel_type));
         let all: u64 = arrays.map(|array| array.page_count().saturating_mul(array.page_bytes() as u64)).sum();
         all.min(KEPT_BYTES as u64)
     }

@@ -12,11 +12,11 @@ use crate::inside;
 use crate::json::{parse_json, read_json};
 use crate::layout::{JOURNAL_NAME, Layout, journal_percent};
 use crate::metadata::{
-    ChannelDisplay, ChannelStatistics, OTHERS_STORE, Steps, StoreInfo, apron_document, check_array, level_document,
-    parse_displays, parse_geometry, parse_info, parse_label_colors, parse_layout, parse_placement,
+    ChannelDisplay, ChannelStatistics, OTHERS_STORE, StoreInfo, check_array, parse_displays, parse_geometry,
+    parse_info, parse_label_colors, parse_layout, parse_placement,
 };
 use crate::shard_file::IoMode;
-use crate::side::{RangePage, SideArray, SidePages, level_arrays};
+use crate::side::{RangePage, SidePages, array_documents};
 use crate::time::parse_time;
 use brickyard_volume::{
     Apron, BrickId, BrickIndex, Geometry, LabelColor, Level, Occupancy, OccupancyBins, PageId, Placement, Pyramid,
@@ -136,18 +136,17 @@ impl Store {
         let geometry = parse_geometry(&root_path, &root, &layout)?;
         let placement = parse_placement(&root_path, &info, &geometry)?;
         let time = parse_time(&root_path, &root, &layout, info.time.as_ref())?;
-        let steps = Steps::of(&info);
-        for k in 0..layout.pyramid.levels().len() {
-            let level = Level(k as u8);
-            let document_path = path.join(layout.level_path(level)).join("zarr.json");
-            let document = read_json(folder, &document_path)?;
-            check_array(&document_path, &level_document(&layout, level, &info), &document, steps)?;
-            let arrays = level_arrays(path, &layout, level, info.voxel_type);
-            arrays.iter().try_for_each(|array| array.check(folder, steps))?;
+        for level in layout.levels() {
+            for (path, expected) in array_documents(path, &layout, level, &info) {
+                check_array(&path, &expected, &read_json(folder, &path)?, info.times.is_some())?;
+            }
         }
         let displays = parse_displays(&root, &info);
         let label_colors = parse_label_colors(&root);
-        let aprons = open_aprons(folder, &layout, &info, mode)?;
+        let aprons = info.apron().map(|apron| {
+            let codec = BrickCodec::of_aprons(info.codec, info.voxel_type, apron);
+            Chunks::new(folder, layout.of_aprons(), codec, mode)
+        });
         let codec = BrickCodec::new(info.codec, info.voxel_type, info.edge);
         let root_hash = hash(text);
         let sides = SidePages::new(folder, &layout, info.voxel_type);
@@ -429,8 +428,10 @@ impl Store {
     /// If a page of fingerprints is unreadable or damaged.
     pub fn apron_file_bytes(&self) -> Result<u64, ReadError> {
         let Some(aprons) = &self.aprons else { return Ok(0) };
-        let levels = (0..self.pyramid().levels().len()).map(|k| Level(k as u8));
-        let pages = levels.flat_map(|level| (0..aprons.fingerprint_pages(level)).map(move |page| (level, page)));
+        let pages = self
+            .layout()
+            .levels()
+            .flat_map(|level| (0..aprons.fingerprint_pages(level)).map(move |page| (level, page)));
         pages.map(|(level, page)| Ok(aprons.files_of_page(level, page)?.1)).sum()
     }
 
@@ -510,27 +511,6 @@ impl Store {
     pub(crate) fn sides(&self) -> &SidePages {
         &self.sides
     }
-}
-
-/// Opens and checks the stored aprons, if any.
-fn open_aprons(
-    folder: &Arc<Folder>,
-    layout: &Layout,
-    info: &StoreInfo,
-    mode: IoMode,
-) -> Result<Option<Chunks>, OpenError> {
-    let Some(apron) = info.apron() else { return Ok(None) };
-    let path = folder.path();
-    let layout = layout.of_aprons();
-    for k in 0..layout.pyramid.levels().len() {
-        let level = Level(k as u8);
-        let document_path = path.join(layout.level_path(level)).join("zarr.json");
-        let document = read_json(folder, &document_path)?;
-        check_array(&document_path, &apron_document(&layout, level, apron, info), &document, Steps::of(info))?;
-        SideArray::fingerprints(path, &layout, level).check(folder, Steps::of(info))?;
-    }
-    let codec = BrickCodec::of_aprons(info.codec, info.voxel_type, apron);
-    Ok(Some(Chunks::new(folder, layout, codec, mode)))
 }
 
 /// Bricks of `edge`^3 voxels overlapping a box, x fastest.

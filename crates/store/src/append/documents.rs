@@ -4,9 +4,9 @@ use crate::counts::Counts;
 use crate::error::OpenError;
 use crate::folder::Folder;
 use crate::json::read_json;
-use crate::layout::Layout;
 use crate::pack::disk::temporary;
-use crate::side::{SideArray, level_arrays};
+use crate::pack::output::parent;
+use crate::side::array_documents;
 use crate::store::Store;
 use brickyard_volume::Level;
 use serde_json::{Value, json};
@@ -14,18 +14,13 @@ use std::path::{Path, PathBuf};
 
 /// Folders of all arrays, in the order of gaining a step: coarse levels first, side data before its level.
 pub(super) fn array_dirs(store: &Store) -> Vec<PathBuf> {
-    let (path, main, info) = (store.path(), store.layout(), store.info());
+    let (main, info) = (store.layout(), store.info());
     let second = info.downsample.second().map(|method| main.of_second(method));
     let mut dirs = Vec::new();
-    for level in (0..main.pyramid.levels().len()).rev().map(|k| Level(k as u8)) {
+    for level in main.levels().rev() {
         for layout in second.iter().filter(|_| level > Level(0)).chain([main]) {
-            let dir = |layout: &Layout| path.join(layout.level_path(level));
-            if info.apron().is_some() {
-                let aprons = layout.of_aprons();
-                dirs.extend([SideArray::fingerprints(path, &aprons, level).dir().into(), dir(&aprons)]);
-            }
-            dirs.extend(level_arrays(path, layout, level, info.voxel_type).map(|array| array.dir().into()));
-            dirs.push(dir(layout));
+            let documents = array_documents(store.path(), layout, level, info);
+            dirs.extend(documents.iter().rev().map(|(path, _)| parent(path).to_path_buf()));
         }
     }
     dirs

@@ -8,9 +8,9 @@
 use crate::append::{FOREIGN_STEPS, foreign_steps};
 use crate::error::OpenError;
 use crate::json::{parse_json, read_json};
-use crate::metadata::{apron_document, level_document, root_document};
+use crate::metadata::{root_document, voxel_documents};
 use crate::shard_file::IoMode;
-use crate::side::{SideArray, level_arrays};
+use crate::side::side_documents;
 use crate::store::Store;
 use crate::verify::VerifyProblem;
 use brickyard_import::is_of_process;
@@ -33,15 +33,11 @@ pub(crate) struct Found {
 pub(crate) fn check<'a>(main: &Store, levels: impl Iterator<Item = (&'a Store, Level)>) -> Result<Found, OpenError> {
     let mut documents = Vec::new();
     for (store, level) in levels {
-        let (layout, info) = (store.layout(), store.info());
-        let path = |of: &crate::layout::Layout| store.path().join(of.level_path(level)).join("zarr.json");
-        documents.push((path(layout), level_document(layout, level, info)));
-        if let Some(apron) = info.apron() {
-            let layout = layout.of_aprons();
-            documents.push((path(&layout), apron_document(&layout, level, apron, info)));
-        }
+        let (path, layout, info) = (store.path(), store.layout(), store.info());
+        documents.extend(voxel_documents(path, layout, level, info));
+        // In stores without appended steps, opening has compared them.
         if info.times.is_some() {
-            documents.extend(side_documents(store, level));
+            documents.extend(side_documents(path, layout, level, info));
         }
     }
     let found = documents.iter().map(|(path, _)| unless_barred(read_json(main.folder(), path)));
@@ -104,13 +100,6 @@ fn take_edits(expected: &Value, root: &mut Value) -> Vec<String> {
         ome.insert("omero".into(), packed.clone());
     }
     edits
-}
-
-/// Documents of a level's side data, and of its aprons'. In stores without appended steps, opening has compared them.
-fn side_documents(store: &Store, level: Level) -> Vec<(PathBuf, Value)> {
-    let arrays = level_arrays(store.path(), store.layout(), level, store.voxel_type());
-    let aprons = store.aprons().map(|aprons| SideArray::fingerprints(store.path(), aprons.layout(), level));
-    arrays.iter().chain(&aprons).map(|array| (array.document_path(), array.document())).collect()
 }
 
 /// Steps appended by another program, unless the store grows meanwhile.
