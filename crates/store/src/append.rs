@@ -36,13 +36,12 @@ use crate::folder::Folder;
 use crate::json::{parse_json, read_json};
 use crate::layout::JOURNAL_NAME;
 use crate::metadata::{ChannelStatistics, StoreInfo, document_bytes, root_document};
-use crate::pack::aprons::ApronPass;
-use crate::pack::cascade::{Pass, Passed, Reached, Stop};
+use crate::pack::cascade::{Pass, Reached, Stop};
 use crate::pack::disk::{Disk, DiskError, Part, temporary};
 use crate::pack::journal::Journal;
 use crate::pack::lock::DirLock;
 use crate::pack::plan::plan_last;
-use crate::pack::{Exists, PackError, PackOptions, PackPlan, Progress, ours, output, pack_on, tell};
+use crate::pack::{Exists, PackError, PackOptions, PackPlan, Progress, ours, output, pack_on, pool, run_passes, tell};
 use crate::shard_file::IoMode;
 use crate::stats::ChannelTotals;
 use crate::store::{Store, open_folder};
@@ -51,7 +50,6 @@ use brickyard_volume::{TimeAxis, with_voxel_type};
 pub(crate) use documents::{FOREIGN_STEPS, foreign_steps};
 use documents::{array_dirs, stale_groups, update_consolidated, update_root};
 use serde_json::{Value, json};
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use step::{check_nodata, first_step, next_axis, next_step};
@@ -245,7 +243,9 @@ impl Appender {
         tell(source.info(), progress);
         progress.planned(&plan);
         let next = Next { plan, options, time };
-        let passed = self.pack_step(&next, &step, counted, progress)?;
+        let Next { plan, options, .. } = &next;
+        let pass = Pass { source: &step, store: &self.dir, options, plan, disk: &self.disk, progress };
+        let passed = run_passes(&pass, &mut Journal::none(&self.disk, self.path()), counted)?;
         check_nodata(source.info(), &store, left_out(&passed.channels).1 - nodata)?;
         self.commit(&next, &before, &passed.channels)?;
         for group in stale_groups(&self.dir) {
@@ -308,31 +308,9 @@ impl Appender {
             let what = "has no counts of its values yet: the values of all steps are counted once";
             progress.warn(&format!("{}: {what}", self.dir.display()));
         }
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(self.options.threads).build();
-        let pool = pool.map_err(|error| AppendError::from(PackError::Threads(error.to_string())))?;
+        let pool = pool(self.options.threads).map_err(|error| AppendError::from(PackError::Threads(error)))?;
         let count = || with_voxel_type!(store.voxel_type(), T => count_store::<T>(store));
         Ok(pool.install(count).map_err(AppendError::from)?)
-    }
-
-    fn pack_step(
-        &self,
-        next: &Next,
-        source: &dyn Source,
-        counted: Vec<ChannelTotals>,
-        progress: &dyn Progress,
-    ) -> Result<Passed, Failed> {
-        let Next { plan, options, .. } = next;
-        let (store, disk, voxel_type) = (&self.dir, &self.disk, source.info().voxel_type);
-        let mut journal = Journal::none();
-        let pass = Pass { source, store, options, plan, disk, progress };
-        let mut passed = with_voxel_type!(voxel_type, T => pass.run::<T>(&mut journal, counted))?;
-        if let Some(apron) = options.apron() {
-            let pass = ApronPass { store, voxel_type, apron, options, plan, disk, progress };
-            let run = AssertUnwindSafe(|| pass.run(&mut journal));
-            let written = catch_unwind(run).unwrap_or_else(|panic| Err((Stop::panic(panic), Reached::new(0, 0, 0, 0))));
-            passed.written_bytes += written?;
-        }
-        Ok(passed)
     }
 
     /// Makes a step with existing files part of the store. `before` and `after` are the counts without and with it.
@@ -528,7 +506,7 @@ fn check_counts(store: &Store, counts: &Counts, kept: &[ChannelTotals]) -> Resul
 
 /// Numbers of voxels over all channels: NaN or infinite, and no-data integers.
 fn left_out(channels: &[ChannelTotals]) -> (u64, u64) {
-    (channels.iter().map(ChannelTotals::non_finite).sum(), channels.iter().map(|channel| channel.nodata).sum())
+    (channels.iter().map(ChannelTotals::non_finite).sum(), channels.iter().map(ChannelTotals::nodata).sum())
 }
 
 fn too_many(store: &Store) -> AppendError {

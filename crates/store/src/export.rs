@@ -7,6 +7,7 @@
 
 use crate::error::ExportError;
 use crate::inside::check_outside;
+use crate::pack::pool;
 use crate::store::Store;
 use brickyard_import::without_path;
 use brickyard_volume::{Extent, Level, VoxelBox, VoxelType};
@@ -188,8 +189,7 @@ fn write_voxels(
             ControlFlow::Break(()) => Err(ExportError::Cancelled { path: output.into() }),
         }
     };
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
-    let pool = pool.map_err(|error| ExportError::Threads(error.to_string()))?;
+    let pool = pool(threads).map_err(ExportError::Threads)?;
     pool.install(|| parts.par_bridge().try_for_each_init(Vec::new, write))
 }
 

@@ -47,11 +47,11 @@ use crate::metadata::{Kind, StoreInfo, document_bytes, root_document};
 use crate::side::array_documents;
 use crate::stats::ChannelTotals;
 use crate::version::FORMAT_VERSION;
-use aprons::ApronPass;
 use brickyard_import::{ImportError, Source, SourceInfo};
 use brickyard_volume::{Apron, ChannelLook, DEFAULT_BRICK_EDGE, MAX_APRON, VoxelType, with_voxel_type};
 use cascade::{Pass, Passed, Reached, Stop};
 use disk::{Disk, Part};
+use journal::Journal;
 use output::Output;
 use plan::Stage;
 use serde_json::{Value, json};
@@ -432,19 +432,11 @@ pub(crate) fn pack_on(
     progress.planned(&plan);
     let resumed = output.journal.finished_count();
     let pass = Pass { source, store: &output.dir, options, plan: &plan, disk, progress };
-    let passed = with_voxel_type!(source.info().voxel_type, T => pass.run::<T>(&mut output.journal, no_totals(source)));
+    let passed = run_passes(&pass, &mut output.journal, no_totals(source));
     let passed = passed.map_err(|(stop, reached)| stopped(stop, &reached, &output.dir, shards))?;
-    let voxel_type = source.info().voxel_type;
-    let aprons = options.apron().map(|apron| {
-        let pass = ApronPass { store: &output.dir, voxel_type, apron, options, plan: &plan, disk, progress };
-        let run = AssertUnwindSafe(|| pass.run(&mut output.journal));
-        let cores = plan.core_shard_count();
-        catch_unwind(run).unwrap_or_else(|panic| Err((Stop::panic(panic), Reached::new(cores, 0, 0, plan.apron_bytes))))
-    });
-    let aprons = aprons.transpose().map_err(|(stop, reached)| stopped(stop, &reached, &output.dir, shards))?;
     let non_finite = passed.channels.iter().map(ChannelTotals::non_finite).sum();
-    let nodata = passed.channels.iter().map(|c| c.nodata).sum();
-    let written_bytes = passed.written_bytes + aprons.unwrap_or_default();
+    let nodata = passed.channels.iter().map(ChannelTotals::nodata).sum();
+    let written_bytes = passed.written_bytes;
     let finished = write_metadata(disk, &output.dir, source, options, &plan, &settings, passed);
     let dir = output.dir.clone();
     let finished = finished.map_err(PackError::from).and_then(|()| output.finish(disk));
@@ -456,6 +448,27 @@ pub(crate) fn pack_on(
         other => other,
     })?;
     Ok(report(resumed, written_bytes, [non_finite, nodata], false))
+}
+
+/// Packs the plan's time steps: cores and coarser levels, then aprons if they are stored. Adds the voxels to the
+/// channels' totals.
+pub(crate) fn run_passes(
+    pass: &Pass,
+    journal: &mut Journal,
+    channels: Vec<ChannelTotals>,
+) -> Result<Passed, (Stop, Reached)> {
+    let mut passed = with_voxel_type!(pass.source.info().voxel_type, T => pass.run::<T>(journal, channels))?;
+    if let Some(apron) = pass.options.apron() {
+        let nothing = Reached::new(pass.plan.core_shard_count(), 0, 0, pass.plan.apron_bytes);
+        let run = AssertUnwindSafe(|| pass.run_aprons(apron, journal));
+        passed.written_bytes += catch_unwind(run).unwrap_or_else(|panic| Err((Stop::panic(panic), nothing)))?;
+    }
+    Ok(passed)
+}
+
+/// Starts this many worker threads; fails with the reason in words.
+pub(crate) fn pool(threads: usize) -> Result<rayon::ThreadPool, String> {
+    rayon::ThreadPoolBuilder::new().num_threads(threads).build().map_err(|error| error.to_string())
 }
 
 /// The settings that determine a store's bytes.

@@ -46,6 +46,14 @@ impl<T: Measure> Range<T> {
     }
 }
 
+/// The range of both ranges' values.
+pub(crate) fn join(a: Option<(f64, f64)>, b: Option<(f64, f64)>) -> Option<(f64, f64)> {
+    match (a, b) {
+        (Some(a), Some(b)) => Some((a.0.min(b.0), a.1.max(b.1))),
+        (a, b) => a.or(b),
+    }
+}
+
 /// A voxel type's arithmetic for statistics.
 pub(crate) trait Measure: Reduce {
     /// The range of no voxels, which has `low > high`.
@@ -347,12 +355,8 @@ fn zeroed<T: Copy + Default>() -> Box<[T; WORDS]> {
 pub(crate) struct ChannelTotals {
     voxel_type: VoxelType,
     /// Least and greatest valid voxel; `None` if there is none.
-    pub range: Option<(f64, f64)>,
-    pub nan: u64,
-    pub positive_infinite: u64,
-    pub negative_infinite: u64,
-    pub nodata: u64,
-    sum: f64,
+    range: Option<(f64, f64)>,
+    tally: Tally,
     /// Counts of each 8- or 16-bit value, in ascending order.
     bins: Vec<u64>,
     /// Counts of 32-bit values.
@@ -364,11 +368,7 @@ impl ChannelTotals {
         Self {
             voxel_type,
             range: None,
-            nan: 0,
-            positive_infinite: 0,
-            negative_infinite: 0,
-            nodata: 0,
-            sum: 0.0,
+            tally: Tally::default(),
             bins: vec![0; Self::bins(voxel_type)],
             values: ValueCounts::new(voxel_type),
         }
@@ -406,8 +406,9 @@ impl ChannelTotals {
     /// Appends all counts to a list of words, for [`ChannelTotals::from_words`].
     pub(crate) fn to_words(&self, words: &mut Vec<u64>) {
         let (low, high) = self.range.unwrap_or((f64::INFINITY, f64::NEG_INFINITY));
-        words.extend([low, high, self.sum].map(f64::to_bits));
-        words.extend([self.nan, self.positive_infinite, self.negative_infinite, self.nodata]);
+        let Tally { sum, nan, positive_infinite, negative_infinite, nodata } = self.tally;
+        words.extend([low, high, sum].map(f64::to_bits));
+        words.extend([nan, positive_infinite, negative_infinite, nodata]);
         let bins = (0..).zip(&self.bins).filter(|(_, count)| **count > 0).map(|(bin, count)| (bin, *count));
         let Classes { shift, counts } = self.values.classes_of_ordinals();
         let counts: Vec<(i64, u64)> = bins.chain(counts.iter().copied()).collect();
@@ -422,8 +423,8 @@ impl ChannelTotals {
         let [nan, positive_infinite, negative_infinite, nodata, shift, length] =
             [next()?, next()?, next()?, next()?, next()?, next()?];
         let range = (low <= high).then_some((low, high));
-        let empty = Self::new(voxel_type);
-        let mut totals = Self { range, nan, positive_infinite, negative_infinite, nodata, sum, ..empty };
+        let tally = Tally { sum, nan, positive_infinite, negative_infinite, nodata };
+        let mut totals = Self { range, tally, ..Self::new(voxel_type) };
         let mut counts = Vec::new();
         for _ in 0..length {
             counts.push((next()? as i64, next()?));
@@ -441,29 +442,29 @@ impl ChannelTotals {
     /// Whether both are totals of the same voxels, up to the order of summation, which affects a float sum's last
     /// digits.
     pub(crate) fn is_near(&self, other: &Self) -> bool {
-        let voxels = (self.valid() + self.non_finite() + self.nodata).max(1) as f64;
+        let voxels = (self.valid() + self.non_finite() + self.nodata()).max(1) as f64;
         let largest = self.range.map_or(0.0, |(low, high)| low.abs().max(high.abs()));
-        let is_same_but_sum = Self { sum: other.sum, ..self.clone() } == *other;
-        is_same_but_sum && (self.sum - other.sum).abs() <= 1e-9 * largest * voxels
+        let (sum, others) = (self.tally.sum, other.tally.sum);
+        let is_same_but_sum = Self { tally: Tally { sum: others, ..self.tally }, ..self.clone() } == *other;
+        is_same_but_sum && (sum - others).abs() <= 1e-9 * largest * voxels
     }
 
     pub(crate) fn add_tally(&mut self, tally: &Tally) {
-        self.sum += tally.sum;
-        self.nan += tally.nan;
-        self.positive_infinite += tally.positive_infinite;
-        self.negative_infinite += tally.negative_infinite;
-        self.nodata += tally.nodata;
+        self.tally.add(tally);
     }
 
     pub(crate) fn add_range(&mut self, range: Option<(f64, f64)>) {
-        self.range = match (self.range, range) {
-            (Some(a), Some(b)) => Some((a.0.min(b.0), a.1.max(b.1))),
-            (a, b) => a.or(b),
-        };
+        self.range = join(self.range, range);
     }
 
+    /// Number of NaN and infinite voxels.
     pub(crate) fn non_finite(&self) -> u64 {
-        self.nan + self.positive_infinite + self.negative_infinite
+        self.tally.nan + self.tally.positive_infinite + self.tally.negative_infinite
+    }
+
+    /// Number of no-data voxels.
+    pub(crate) fn nodata(&self) -> u64 {
+        self.tally.nodata
     }
 
     fn valid(&self) -> u64 {
@@ -478,7 +479,7 @@ impl ChannelTotals {
             let low = self.voxel_type.limits().0 as i128;
             self.bins.iter().enumerate().map(|(i, &n)| (low + i as i128) * n as i128).sum::<i128>() as f64
         } else {
-            self.sum
+            self.tally.sum
         };
         (valid > 0).then(|| sum / valid as f64)
     }
@@ -544,10 +545,10 @@ impl ChannelTotals {
         ChannelStatistics {
             range: range.into(),
             count: self.valid(),
-            nan: self.nan,
-            pos_inf: self.positive_infinite,
-            neg_inf: self.negative_infinite,
-            nodata: self.nodata,
+            nan: self.tally.nan,
+            pos_inf: self.tally.positive_infinite,
+            neg_inf: self.tally.negative_infinite,
+            nodata: self.tally.nodata,
             mean: self.mean().unwrap_or_default(),
             percentiles,
             histogram: self.histogram(range),
@@ -611,7 +612,7 @@ mod tests {
         let mut values: Vec<f32> = (1..=1000).map(|i| i as f32 - 500.5).collect();
         values.extend([nan, inf, inf, -inf]);
         let s = channel(&values);
-        assert_eq!((s.nan, s.positive_infinite, s.negative_infinite, s.valid()), (1, 2, 1, 1000));
+        assert_eq!((s.tally.nan, s.tally.positive_infinite, s.tally.negative_infinite, s.valid()), (1, 2, 1, 1000));
         assert_eq!((s.range, s.mean()), (Some((-499.5, 499.5)), Some(0.0)));
         for percent in [1, 25, 60, 99] {
             assert_eq!(s.percentile(100 * percent), Some(percent as f64 * 10.0 - 500.5), "{percent}");

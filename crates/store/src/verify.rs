@@ -23,9 +23,10 @@ use crate::layout::ShardId;
 use crate::metadata::ChannelStatistics;
 use crate::nodata;
 use crate::pack::brick::Workspace;
+use crate::pack::pool;
 use crate::shard::ShardIndex;
 use crate::side::{SideArray, core_hash, level_arrays};
-use crate::stats::{ChannelTotals, Measure, Range, Tally};
+use crate::stats::{ChannelTotals, Measure, Range, Tally, join};
 use crate::store::{Store, bricks_of};
 use brickyard_import::is_of_process;
 use brickyard_volume::{Apron, BrickId, BrickIndex, Extent, Level, PageId, Pyramid, VoxelBox, with_voxel_type};
@@ -129,8 +130,7 @@ pub fn verify_within(
     let second = second.map(|method| store.reduced(method)).transpose()?;
     let views: Vec<Store> = std::iter::once(store).chain(second).collect();
     let (block_edge, threads) = block_edge(&views, memory_bytes, rayon::current_num_threads())?;
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
-    let pool = pool.map_err(|error| VerifyError::Threads(error.to_string()))?;
+    let pool = pool(threads).map_err(VerifyError::Threads)?;
     let verifier = Verifier::new(&views, &progress, block_edge);
     let report = pool.install(|| with_voxel_type!(views[0].voxel_type(), T => verifier.run::<T>()))?;
     // Each file of a vanished store would be a problem.
@@ -726,13 +726,6 @@ fn check_entry<T: Measure>(
         }
     }
     Ok(())
-}
-
-fn join(a: Option<(f64, f64)>, b: Option<(f64, f64)>) -> Option<(f64, f64)> {
-    match (a, b) {
-        (Some(a), Some(b)) => Some((a.0.min(b.0), a.1.max(b.1))),
-        (a, b) => a.or(b),
-    }
 }
 
 fn shard_path(store: &Store, id: BrickId) -> PathBuf {

@@ -21,10 +21,10 @@ use crate::pack::disk::{Disk, DiskError};
 use crate::pack::journal::Journal;
 use crate::pack::plan::{PackPlan, Stage, bricks_ahead};
 use crate::pack::sequence::Sequence;
-use crate::pack::shards::{Encoded, Finished, ShardWriter, settle};
+use crate::pack::shards::{Encoded, Finished, ShardWriter};
 use crate::pack::side_pages::{BrickPages, ShardPages};
 use crate::pack::window::Window;
-use crate::pack::{PackError, PackOptions, Progress};
+use crate::pack::{PackError, PackOptions, Progress, pool};
 use crate::scratch::Scratch;
 use crate::shard::Fingerprint;
 use crate::side::{PageFile, core_hash};
@@ -172,9 +172,8 @@ impl Pass<'_> {
     ) -> Result<Passed, (Stop, Reached)> {
         let threads = self.options.threads;
         let edge = self.options.edge as usize;
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
         let mut written = Written::default();
-        let pool = pool.map_err(|e| (Stop::Threads(e.to_string()), self.reached(0, &written)))?;
+        let pool = pool(threads).map_err(|error| (Stop::Threads(error), self.reached(0, &written)))?;
         let earlier = |stage: &Stage| {
             let finished = |shard| Some((shard, journal.finished(&stage.layout, shard)?));
             self.plan.shards(&stage.layout, stage.level).filter_map(finished).collect()
@@ -305,12 +304,12 @@ impl<T: Measure> Shared<'_, T> {
 
     /// The settler: makes shards and pages durable. Returns the number of shards.
     fn settle(&self, finished: mpsc::Receiver<Settle>, journal: &mut Journal) -> u64 {
-        let Pass { plan, store, disk, .. } = *self.pass;
+        let Pass { plan, disk, .. } = *self.pass;
         let mut settled = 0;
         for next in finished {
             let made = match next {
                 Settle::Shard(s, shard) => {
-                    settle(disk, store, &plan.stages[s].layout, journal, &shard).map(|made| settled += made as u64)
+                    journal.settle(&plan.stages[s].layout, &shard).map(|made| settled += made as u64)
                 }
                 Settle::Page((path, bytes)) => disk.write_early(&path, &bytes),
             };
@@ -319,7 +318,7 @@ impl<T: Measure> Shared<'_, T> {
                 break;
             }
         }
-        if let Err(error) = journal.sync(disk, store) {
+        if let Err(error) = journal.sync() {
             self.fail(Stop::Disk(error));
         }
         settled

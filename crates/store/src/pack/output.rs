@@ -31,12 +31,12 @@ use std::path::{Path, PathBuf};
 const MOST_CHANGES: u32 = 100;
 
 /// A running pack's directory, journal and lock.
-pub(crate) struct Output {
+pub(crate) struct Output<'a> {
     /// The working directory of the store.
     pub(crate) dir: PathBuf,
     /// Its final path.
     store: PathBuf,
-    pub(crate) journal: Journal,
+    pub(crate) journal: Journal<'a>,
     lock: DirLock,
     /// The lock of the store to be replaced, against appends.
     replaced: Option<DirLock>,
@@ -72,11 +72,11 @@ enum Step {
     Tidy,
 }
 
-impl Output {
+impl<'a> Output<'a> {
     /// Prepares and locks the output directory by the policy `exists`. Returns `None` if there is nothing to resume,
     /// since a finished store with these settings exists.
     pub(crate) fn start(
-        disk: &Disk,
+        disk: &'a Disk,
         store: &Path,
         exists: Exists,
         settings: &Value,
@@ -131,14 +131,14 @@ impl Output {
 }
 
 /// Prepares the locked directory; `None` if it must be inspected again.
-fn prepare(
-    disk: &Disk,
+fn prepare<'a>(
+    disk: &'a Disk,
     store: &Path,
     dir: &Path,
     step: Step,
     lock: &DirLock,
     (settings, shards): (&Value, u64),
-) -> Result<Option<Journal>, PackError> {
+) -> Result<Option<Journal<'a>>, PackError> {
     let replaces = match find(store)? {
         Found::Store(theirs) if dir != store => Some(theirs),
         // The store is gone, or not back from the exchange: the replacement target stays the same.
@@ -154,7 +154,7 @@ fn prepare(
         }
         Step::Resume => {
             let mut journal = Journal::open(disk, dir)?;
-            journal.resume(disk, dir, settings)?;
+            journal.resume(settings)?;
             lock.declare(disk)?;
             return Ok(Some(journal));
         }
