@@ -8,6 +8,7 @@ use crate::codec::BrickCodec;
 use crate::error::ReadError;
 use crate::folder::Folder;
 use crate::layout::{Layout, ShardId};
+use crate::mutex::lock;
 use crate::scratch::Scratch;
 use crate::shard::{BrickRange, Fingerprint, index_bytes};
 use crate::shard_file::{IoMode, ShardFile};
@@ -17,7 +18,7 @@ use lru::LruCache;
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 
 const MOST_OPEN: usize = 512;
 
@@ -210,8 +211,4 @@ fn most_open(layout: &Layout, mode: IoMode) -> NonZeroUsize {
 
 fn at_least_one(n: usize) -> NonZeroUsize {
     NonZeroUsize::new(n).unwrap_or(NonZeroUsize::MIN)
-}
-
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -9,6 +9,7 @@ use crate::data_file::read_at_most;
 use crate::error::ReadError;
 use crate::folder::Folder;
 use crate::layout::{COUNTS_NAME, Layout};
+use crate::mutex::lock;
 use crate::pack::brick::Workspace;
 use crate::pack::cascade::shape;
 use crate::pack::disk::{Disk, DiskError};
@@ -21,7 +22,7 @@ use brickyard_volume::{BrickId, BrickIndex, Level, VoxelType};
 use rayon::prelude::*;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, PoisonError};
+use std::sync::Mutex;
 
 /// The first word of a file.
 const VERSION: u64 = 1;
@@ -170,7 +171,7 @@ fn count_volume<T: Measure>(
     };
     let of_some = |workspace: &mut Workspace<T>, indices: &[BrickIndex]| {
         let found = indices.iter().map(|&index| of_brick(workspace, index)).collect::<Result<Vec<_>, ReadError>>()?;
-        workspace.counter.drain_into(&mut shared.lock().unwrap_or_else(PoisonError::into_inner));
+        workspace.counter.drain_into(&mut lock(&shared));
         Ok(found)
     };
     loop {
@@ -183,7 +184,7 @@ fn count_volume<T: Measure>(
             .map_init(|| Workspace::new(edge, nodata), of_some)
             .collect::<Result<_, ReadError>>()?;
         // In brick order, so rounding is independent of threads.
-        let mut totals = shared.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut totals = lock(&shared);
         for (range, tally) in found.iter().flatten() {
             totals.add_range(range.to_f64());
             totals.add_tally(tally);

@@ -4,7 +4,7 @@
 use crate::downsample::Downsample;
 use crate::metadata::ChannelStatistics;
 use crate::pack::brick::Workspace;
-use crate::pack::cascade::{coarse_box, no_data, shape};
+use crate::pack::cascade::{coarse_box, no_data, ratio, shape};
 use crate::stats::{ChannelTotals, Measure};
 use crate::store::bricks_of;
 use brickyard_volume::{BrickIndex, Extent, Level, LevelGrid, Pyramid, VoxelBox, VoxelType, with_voxel_type};
@@ -118,7 +118,7 @@ impl LevelBricks {
                     totals.add_tally(&summary.tally);
                 }
                 let Some(coarser) = pyramid.levels().get(k + 1) else { continue };
-                let factor = std::array::from_fn(|axis| (coarser.factor[axis] / grid.factor[axis]) as usize);
+                let factor = ratio(grid, coarser);
                 workspace.reduce(0, shape(core), factor, method);
                 let region = coarse_box(core, factor);
                 let row_voxels = region.extent().x as usize;

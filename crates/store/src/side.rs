@@ -19,6 +19,7 @@ use crate::error::ReadError;
 use crate::folder::Folder;
 use crate::layout::{Layout, place_at};
 use crate::metadata::{StoreInfo, array_document, bytes_codec, sharding_codecs, voxel_documents};
+use crate::mutex::lock;
 use crate::shard::Fingerprint;
 use crate::side_file;
 use brickyard_volume::{BrickId, Extent, Level, Occupancy, OccupancyBins, PageId, Paging, VoxelType};
@@ -27,7 +28,7 @@ use serde_json::{Value, json};
 use std::collections::HashMap;
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 
 /// One array of a level's side data.
 pub(crate) struct SideArray {
@@ -259,11 +260,11 @@ impl SidePages {
     /// The cached page with a brick's ranges, and the brick's place in it.
     pub(crate) fn ranges_of(&self, id: BrickId) -> Result<(Arc<RangePage>, usize), ReadError> {
         let (page, place) = self.layout.pyramid.page_of(id);
-        if let Some(kept) = self.ranges.lock().unwrap_or_else(PoisonError::into_inner).get(&page) {
+        if let Some(kept) = lock(&self.ranges).get(&page) {
             return Ok((kept.clone(), place));
         }
         let read = Arc::new(self.read_ranges(page)?);
-        self.ranges.lock().unwrap_or_else(PoisonError::into_inner).put(page, read.clone());
+        lock(&self.ranges).put(page, read.clone());
         Ok((read, place))
     }
 

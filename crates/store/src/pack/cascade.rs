@@ -16,6 +16,7 @@
 use crate::codec::BrickCodec;
 use crate::error::ReadError;
 use crate::layout::ShardId;
+use crate::mutex::lock;
 use crate::pack::brick::{Summary, Workspace, run_length};
 use crate::pack::disk::{Disk, DiskError};
 use crate::pack::journal::Journal;
@@ -30,7 +31,7 @@ use crate::shard::Fingerprint;
 use crate::side::{PageFile, core_hash};
 use crate::stats::{ChannelTotals, Measure, Range, Tally};
 use brickyard_import::{Access, ImportError, Source};
-use brickyard_volume::{BrickId, BrickIndex, Level, VoxelBox};
+use brickyard_volume::{BrickId, BrickIndex, Level, LevelGrid, VoxelBox};
 use std::collections::HashMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
@@ -139,10 +140,6 @@ struct Shared<'a, T> {
     /// Buffers of written bricks, for reuse.
     spare: Mutex<Vec<Vec<u8>>>,
     stop: Mutex<Option<Stop>>,
-}
-
-fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 impl<T> Shared<'_, T> {
@@ -533,8 +530,7 @@ impl<'a, T: Measure> Volume<'a, T> {
             None => workspace.digest(i, shape(core), s == 0),
         };
         for (coarser, method) in self.plan().coarser(s) {
-            let (fine, coarse) = (stage.grid().factor, self.plan().stages[coarser].grid().factor);
-            let factor = std::array::from_fn(|a| (coarse[a] / fine[a]) as usize);
+            let factor = ratio(stage.grid(), self.plan().stages[coarser].grid());
             let region = coarse_box(core, factor);
             let voxels = region.extent().volume() as usize;
             match constant {
@@ -606,6 +602,11 @@ pub(crate) fn no_data<T: Measure>(nodata: Option<f64>) -> (Option<T>, Option<T>)
 
 pub(crate) fn shape(region: VoxelBox) -> [usize; 3] {
     region.extent().to_array().map(|n| n as usize)
+}
+
+/// Fine voxels per coarse voxel along each axis, of two levels.
+pub(crate) fn ratio(fine: &LevelGrid, coarse: &LevelGrid) -> [usize; 3] {
+    std::array::from_fn(|a| (coarse.factor[a] / fine.factor[a]) as usize)
 }
 
 /// The box of a brick's core on the next level.
