@@ -81,74 +81,64 @@ pub(crate) trait Measure: Reduce {
     fn ordinal(self) -> Option<i64>;
     /// Adds sums of 32-bit voxels and numbers of non-finite voxels, which counts by value cannot supply to
     /// [`ChannelTotals`].
-    fn tally(_values: &[Self], _tally: &mut Tally) {}
+    fn tally(values: &[Self], tally: &mut Tally);
 }
 
-macro_rules! integer_range {
-    ($t:ty) => {
-        const EMPTY: Range<Self> = Range { low: <$t>::MAX, high: <$t>::MIN };
-        const NO_ENDS: [Self; 2] = [<$t>::MAX, <$t>::MIN];
-        #[inline(always)]
-        fn ordinal(self) -> Option<i64> {
-            Some(self as i64)
-        }
-        #[inline(always)]
-        fn lower(low: Self, value: Self) -> Self {
-            low.min(value)
-        }
-        #[inline(always)]
-        fn upper(high: Self, value: Self) -> Self {
-            high.max(value)
-        }
-    };
+/// Counts 8-bit voxels, in pairs.
+#[inline(always)]
+fn count_bytes<T: Measure>(values: &[T], counter: &mut Counter) {
+    let (bytes, counter): (&[u8], _) = (bytemuck::cast_slice(values), counter.words());
+    let pairs = bytes.chunks_exact(2);
+    counter.singles(pairs.remainder());
+    counter.count(pairs.map(|c| u16::from_le_bytes([c[0], c[1]])));
 }
 
-macro_rules! byte_measure {
-    ($($t:ty),*) => {$(
+/// Counts 16-bit voxels.
+#[inline(always)]
+fn count_words<T: Measure>(values: &[T], counter: &mut Counter) {
+    counter.words().count(bytemuck::cast_slice(values).iter().copied());
+}
+
+/// Counts 32-bit voxels.
+#[inline(always)]
+fn count_ordinals<T: Measure>(values: &[T], counter: &mut Counter) {
+    counter.values().count(values.iter().map(|&v| v.ordinal()));
+}
+
+macro_rules! integer_measure {
+    ($count:ident: $($t:ty),*) => {$(
         impl Measure for $t {
-            integer_range!($t);
+            const EMPTY: Range<Self> = Range { low: <$t>::MAX, high: <$t>::MIN };
+            const NO_ENDS: [Self; 2] = [<$t>::MAX, <$t>::MIN];
             #[inline(always)]
-            fn count(values: &[Self], counter: &mut Counter) {
-                let (bytes, counter): (&[u8], _) = (bytemuck::cast_slice(values), counter.words());
-                let pairs = bytes.chunks_exact(2);
-                counter.singles(pairs.remainder());
-                counter.count(pairs.map(|c| u16::from_le_bytes([c[0], c[1]])));
+            fn ordinal(self) -> Option<i64> {
+                Some(self as i64)
             }
-        }
-    )*};
-}
-byte_measure!(u8, i8);
-
-macro_rules! short_measure {
-    ($($t:ty),*) => {$(
-        impl Measure for $t {
-            integer_range!($t);
             #[inline(always)]
-            fn count(values: &[Self], counter: &mut Counter) {
-                counter.words().count(values.iter().map(|&v| v as u16));
+            fn lower(low: Self, value: Self) -> Self {
+                low.min(value)
             }
-        }
-    )*};
-}
-short_measure!(u16, i16);
-
-macro_rules! long_measure {
-    ($($t:ty),*) => {$(
-        impl Measure for $t {
-            integer_range!($t);
+            #[inline(always)]
+            fn upper(high: Self, value: Self) -> Self {
+                high.max(value)
+            }
             #[inline(always)]
             fn count(values: &[Self], counter: &mut Counter) {
-                counter.values().count(values.iter().map(|&v| v.ordinal()));
+                $count(values, counter);
             }
             #[inline(always)]
             fn tally(values: &[Self], tally: &mut Tally) {
-                // Sums of a row of 32-bit integers are exact in i64.
-                tally.sum += values.iter().map(|&v| v as i64).sum::<i64>() as f64;
+                if size_of::<Self>() == 4 {
+                    // Sums of a row of 32-bit integers are exact in i64.
+                    tally.sum += values.iter().map(|&v| v as i64).sum::<i64>() as f64;
+                }
             }
         }
     )*};
 }
-long_measure!(u32, i32);
+integer_measure!(count_bytes: u8, i8);
+integer_measure!(count_words: u16, i16);
+integer_measure!(count_ordinals: u32, i32);
 
 impl Measure for f32 {
     const EMPTY: Range<f32> = Range { low: f32::INFINITY, high: f32::NEG_INFINITY };
@@ -171,7 +161,7 @@ impl Measure for f32 {
 
     #[inline(always)]
     fn count(values: &[f32], counter: &mut Counter) {
-        counter.values().count(values.iter().map(|&v| v.ordinal()));
+        count_ordinals(values, counter);
     }
 
     #[inline(always)]
