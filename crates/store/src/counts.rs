@@ -14,7 +14,7 @@ use crate::pack::brick::Workspace;
 use crate::pack::cascade::shape;
 use crate::pack::disk::{Disk, DiskError};
 use crate::pack::ours;
-use crate::side_file::encode;
+use crate::side_file::{checked, encode};
 use crate::stats::{ChannelTotals, Measure, Range, Tally};
 use crate::store::{Store, bricks_of};
 use crate::value_counts::MOST_CLASSES;
@@ -121,12 +121,7 @@ impl Counts {
 
 /// Decodes a file's totals; fails with a description of the fault.
 fn decode(file: &[u8], voxel_type: VoxelType) -> Result<ChannelTotals, String> {
-    let (frame, crc) = file.split_last_chunk::<4>().ok_or("it is shorter than its checksum")?;
-    let (stored, computed) = (u32::from_le_bytes(*crc), crc32c::crc32c(frame));
-    if stored != computed {
-        return Err(format!("checksum: stored {stored:08x}, computed {computed:08x}"));
-    }
-    let bytes = zstd::bulk::decompress(frame, MOST_WORDS * 8).map_err(|error| error.to_string())?;
+    let bytes = zstd::bulk::decompress(checked(file)?, MOST_WORDS * 8).map_err(|error| error.to_string())?;
     let (words, rest) = bytes.as_chunks::<8>();
     let mut words = words.iter().map(|word| u64::from_le_bytes(*word));
     let version = words.next();

@@ -226,15 +226,9 @@ fn cuts(from: u32, to: u32, edge: u32) -> impl Iterator<Item = (u32, u32)> {
 
 /// A version 1.0 `.npy` header: a Python dictionary, padded so the data start at a multiple of 64.
 fn npy_header(voxel_type: VoxelType, extent: Extent, time: ExportTime) -> Vec<u8> {
-    let descr = match voxel_type {
-        VoxelType::U8 => "|u1",
-        VoxelType::I8 => "|i1",
-        VoxelType::U16 => "<u2",
-        VoxelType::I16 => "<i2",
-        VoxelType::U32 => "<u4",
-        VoxelType::I32 => "<i4",
-        VoxelType::F32 => "<f4",
-    };
+    // Byte order, then the initial of "uint", "int" or "float", then bytes: such as "|u1" and "<f4".
+    let order = if voxel_type.bytes() == 1 { '|' } else { '<' };
+    let descr = format!("{order}{:.1}{}", voxel_type.zarr_name(), voxel_type.bytes());
     let Extent { x, y, z } = extent;
     let steps = match time {
         ExportTime::Step(_) => String::new(),

@@ -94,7 +94,7 @@ pub struct ChannelStatistics {
     /// Number of voxels at negative infinity.
     pub neg_inf: u64,
     /// Number of voxels with the no-data value.
-    #[serde(default, skip_serializing_if = "is_none_of")]
+    #[serde(default, skip_serializing_if = "is_default")]
     pub nodata: u64,
     /// Mean of the valid voxels; 0 if there are none.
     pub mean: f64,
@@ -205,7 +205,7 @@ pub struct StoreInfo {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub blanked: Option<f64>,
     /// Width of the stored aprons in voxels; 0 if none are stored.
-    #[serde(default, skip_serializing_if = "is_zero")]
+    #[serde(default, skip_serializing_if = "is_default")]
     pub aprons: u32,
     /// Voxel spacing `[x, y, z]` behind the levels' factors. Positions in the world are in `attributes.ome`.
     pub spacing: [f64; 3],
@@ -240,12 +240,8 @@ fn is_one(n: &u32) -> bool {
     *n == 1
 }
 
-fn is_zero(n: &u32) -> bool {
-    *n == 0
-}
-
-fn is_none_of(count: &u64) -> bool {
-    *count == 0
+fn is_default<T: Default + PartialEq>(value: &T) -> bool {
+    *value == T::default()
 }
 
 impl StoreInfo {
@@ -329,16 +325,17 @@ pub fn root_document(layout: &Layout, geometry: &Geometry, info: &StoreInfo) -> 
 }
 
 fn axes(layout: &Layout, geometry: &Geometry, time_unit: Option<&str>) -> Value {
-    let axis = |name: &str| match name {
-        "t" => match time_unit {
-            Some(unit) => json!({ "name": name, "type": "time", "unit": unit }),
-            None => json!({ "name": name, "type": "time" }),
-        },
-        "c" => json!({ "name": name, "type": "channel" }),
-        _ => match &geometry.unit {
-            Some(unit) => json!({ "name": name, "type": "space", "unit": unit }),
-            None => json!({ "name": name, "type": "space" }),
-        },
+    let axis = |name: &str| {
+        let (kind, unit) = match name {
+            "t" => ("time", time_unit),
+            "c" => ("channel", None),
+            _ => ("space", geometry.unit.as_deref()),
+        };
+        let mut axis = json!({ "name": name, "type": kind });
+        if let Some(unit) = unit {
+            axis["unit"] = json!(unit);
+        }
+        axis
     };
     layout.axes().into_iter().map(axis).collect()
 }

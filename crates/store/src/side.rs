@@ -47,34 +47,32 @@ pub(crate) struct SideArray {
 
 impl SideArray {
     pub(crate) fn ranges(store: &Path, layout: &Layout, level: Level, voxel_type: VoxelType) -> Self {
-        let bricks = layout.pyramid.level(level).bricks;
-        Self::new(store, layout, level, "ranges", voxel_type.zarr_name(), voxel_type.bytes(), bricks, 4)
+        let (data_type, element_bytes) = (voxel_type.zarr_name(), voxel_type.bytes());
+        Self { data_type, element_bytes, values: 4, ..Self::of_bricks(store, layout, level, "ranges") }
     }
 
     pub(crate) fn hashes(store: &Path, layout: &Layout, level: Level) -> Self {
-        Self::new(store, layout, level, "hashes", "uint64", 8, layout.pyramid.level(level).bricks, 2)
+        Self::of_bricks(store, layout, level, "hashes")
     }
 
     /// The fingerprints of a level's shards, or of its aprons' shards, in a store.
     pub(crate) fn fingerprints(store: &Path, layout: &Layout, level: Level) -> Self {
-        let of_steps = Self::new(store, layout, level, "shards", "uint64", 8, layout.shard_grid(level), 2);
-        Self { times: layout.shard_groups(), file_times: 1, ..of_steps }
+        let (times, grid) = (layout.shard_groups(), layout.shard_grid(level));
+        Self { times, file_times: 1, grid, ..Self::of_bricks(store, layout, level, "shards") }
     }
 
-    #[expect(clippy::too_many_arguments, reason = "a table's row, named by the three functions above")]
-    fn new(
-        store: &Path,
-        layout: &Layout,
-        level: Level,
-        name: &str,
-        data_type: &'static str,
-        element_bytes: usize,
-        grid: Extent,
-        values: u32,
-    ) -> Self {
-        let dir = layout.side_dir(store, level).join(name);
-        let (times, file_times, channels) = (layout.times, layout.shard_times, layout.channels);
-        Self { dir, data_type, element_bytes, times, file_times, channels, grid, values }
+    /// Two 64-bit words for each brick and time step.
+    fn of_bricks(store: &Path, layout: &Layout, level: Level, name: &str) -> Self {
+        Self {
+            dir: layout.side_dir(store, level).join(name),
+            data_type: "uint64",
+            element_bytes: 8,
+            times: layout.times,
+            file_times: layout.shard_times,
+            channels: layout.channels,
+            grid: layout.pyramid.level(level).bricks,
+            values: 2,
+        }
     }
 
     /// The division of the array's cells into pages.

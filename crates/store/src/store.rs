@@ -141,29 +141,24 @@ impl Store {
                 check_array(&path, &expected, &read_json(folder, &path)?, info.times.is_some())?;
             }
         }
-        let displays = parse_displays(&root, &info);
-        let label_colors = parse_label_colors(&root);
         let aprons = info.apron().map(|apron| {
             let codec = BrickCodec::of_aprons(info.codec, info.voxel_type, apron);
             Chunks::new(folder, layout.of_aprons(), codec, mode)
         });
         let codec = BrickCodec::new(info.codec, info.voxel_type, info.edge);
-        let root_hash = hash(text);
-        let sides = SidePages::new(folder, &layout, info.voxel_type);
-        let cores = Chunks::new(folder, layout, codec, mode);
         Ok(Self {
             folder: folder.clone(),
             mode,
-            root_hash,
+            root_hash: hash(text),
             geometry,
             placement,
             time,
-            info,
-            displays,
-            label_colors,
-            sides,
-            cores,
+            displays: parse_displays(&root, &info),
+            label_colors: parse_label_colors(&root),
+            sides: SidePages::new(folder, &layout, info.voxel_type),
+            cores: Chunks::new(folder, layout, codec, mode),
             aprons,
+            info,
         })
     }
 
@@ -216,7 +211,7 @@ impl Store {
 
     /// The error for a store gone from its path.
     pub fn replaced(&self) -> OpenError {
-        OpenError::Replaced { store: self.path().into() }
+        self.folder.replaced()
     }
 
     pub(crate) fn folder(&self) -> &Arc<Folder> {
