@@ -41,7 +41,7 @@ use crate::pack::disk::{Disk, DiskError, Part, temporary};
 use crate::pack::journal::Journal;
 use crate::pack::lock::DirLock;
 use crate::pack::plan::plan_last;
-use crate::pack::{Exists, PackError, PackOptions, PackPlan, Progress, ours, output, pack_on, pool, run_passes, tell};
+use crate::pack::{Exists, PackError, PackOptions, Progress, ours, output, pack_on, pool, run_passes, tell};
 use crate::shard_file::IoMode;
 use crate::stats::ChannelTotals;
 use crate::store::{Store, open_folder};
@@ -108,13 +108,6 @@ impl PackOptions {
     fn of_append(&self) -> AppendOptions {
         AppendOptions { memory_bytes: self.memory_bytes, threads: self.threads }
     }
-}
-
-/// The next step of a store, checked for appending.
-struct Next {
-    plan: PackPlan,
-    options: PackOptions,
-    time: Option<TimeAxis>,
 }
 
 impl Appender {
@@ -220,7 +213,7 @@ impl Appender {
         appended.map_err(|error| {
             // If the rollback fails now, it is repeated before the next step.
             let _ = self.take_back();
-            let error = if self.folder.is_replaced() { self.replaced().into() } else { self.stopped(error) };
+            let error = if self.folder.is_replaced() { self.folder.replaced().into() } else { self.stopped(error) };
             if self.times > before { error.after(&self.dir, before) } else { error }
         })
     }
@@ -242,12 +235,10 @@ impl Appender {
         let (non_finite, nodata) = left_out(&before);
         tell(source.info(), progress);
         progress.planned(&plan);
-        let next = Next { plan, options, time };
-        let Next { plan, options, .. } = &next;
-        let pass = Pass { source: &step, store: &self.dir, options, plan, disk: &self.disk, progress };
+        let pass = Pass { source: &step, store: &self.dir, options: &options, plan: &plan, disk: &self.disk, progress };
         let passed = run_passes(&pass, &mut Journal::none(&self.disk, self.path()), counted)?;
         check_nodata(source.info(), &store, left_out(&passed.channels).1 - nodata)?;
-        self.commit(&next, &before, &passed.channels)?;
+        self.commit(times, time, &before, &passed.channels)?;
         for group in stale_groups(&self.dir) {
             let what = "holds a copy of this store's metadata without the new step: consolidate it anew";
             progress.warn(&format!("{}: {what} (zarr.consolidate_metadata)", group.display()));
@@ -261,13 +252,9 @@ impl Appender {
         })
     }
 
-    fn replaced(&self) -> OpenError {
-        OpenError::Replaced { store: self.dir.clone() }
-    }
-
     /// Refuses a change based on a replaced store.
     fn refuse_replaced(&self) -> Result<(), OpenError> {
-        if self.folder.is_replaced() { Err(self.replaced()) } else { Ok(()) }
+        if self.folder.is_replaced() { Err(self.folder.replaced()) } else { Ok(()) }
     }
 
     /// Opens the store, including a second pyramid's documents.
@@ -313,8 +300,15 @@ impl Appender {
         Ok(pool.install(count).map_err(AppendError::from)?)
     }
 
-    /// Makes a step with existing files part of the store. `before` and `after` are the counts without and with it.
-    fn commit(&mut self, next: &Next, before: &[ChannelTotals], after: &[ChannelTotals]) -> Result<(), Failed> {
+    /// Makes the last of `times` steps, with existing files, part of the store. `before` and `after` are the counts
+    /// without and with it.
+    fn commit(
+        &mut self,
+        times: u32,
+        time: Option<TimeAxis>,
+        before: &[ChannelTotals],
+        after: &[ChannelTotals],
+    ) -> Result<(), Failed> {
         self.refuse_replaced()?;
         let root_path = self.dir.join("zarr.json");
         let text = self.folder.document(&root_path)?;
@@ -322,7 +316,7 @@ impl Appender {
         // Others may have edited it meanwhile.
         let store = Store::open_with_root(&self.folder, IoMode::default(), None, &text)?;
         let info = store.info();
-        let (first, times) = (next.plan.steps.start, next.plan.steps.end);
+        let first = times - 1;
         if store.times() != first {
             let expected = format!("{first}, as before the step was packed");
             return Err(OpenError::invalid(&root_path, "attributes.brickyard.times", expected, store.times()).into());
@@ -348,12 +342,7 @@ impl Appender {
         for dir in &dirs {
             self.disk.name(&dir.join("zarr.json"))?;
         }
-        let grown = StoreInfo {
-            times: Some(times),
-            time: next.time.clone(),
-            channels: statistics(info, before, after),
-            ..info.clone()
-        };
+        let grown = StoreInfo { times: Some(times), time, channels: statistics(info, before, after), ..info.clone() };
         update_root(&written(&counting), &written(&grown), &mut root);
         update_consolidated(&self.dir, &dirs, times, &mut root);
         self.disk.prepare(&root_path, &document_bytes(&root))?;

@@ -308,7 +308,7 @@ pub enum PackError {
     /// A write failed midway, usually from a full disk. Finished shards stay; no unfinished file has a final name.
     #[error(
         "{path}: {error}; {done} of {total} shards of {store} are finished: {cure} and run again with `resume`",
-        cure = cure(error, *needed_bytes)
+        cure = cure(error, Some(*needed_bytes))
     )]
     Incomplete {
         /// The file being written.
@@ -372,11 +372,11 @@ pub enum PackError {
     Threads(String),
 }
 
-fn cure(error: &std::io::Error, needed_bytes: u64) -> String {
+/// The user's remedy for a failed write, with the bytes still to be written, if known.
+pub(crate) fn cure(error: &std::io::Error, needed_bytes: Option<u64>) -> String {
+    let more = needed_bytes.map(|bytes| format!(" (about {} MiB more)", bytes.div_ceil(1 << 20)));
     match error.kind() {
-        ErrorKind::StorageFull | ErrorKind::QuotaExceeded => {
-            format!("make room (about {} MiB more)", needed_bytes.div_ceil(1 << 20))
-        }
+        ErrorKind::StorageFull | ErrorKind::QuotaExceeded => format!("make room{}", more.unwrap_or_default()),
         ErrorKind::FileTooLarge => "raise the limit of file sizes (`ulimit -f`)".into(),
         _ => "see to that".into(),
     }

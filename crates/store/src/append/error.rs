@@ -1,10 +1,9 @@
 //! Errors of appending.
 
 use crate::error::{OpenError, ReadError};
-use crate::pack::PackError;
+use crate::pack::{PackError, cure};
 use brickyard_import::ImportError;
 use brickyard_volume::counted;
-use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 /// Why a step was not appended, or, for [`AppendError::Appended`], the failure afterwards. The store keeps its former
@@ -113,7 +112,7 @@ pub enum AppendError {
     /// A change to the file system failed, usually on a full disk.
     #[error(
         "{path}: {error}; {store} has {}: {} and go on with step {times}",
-        steps(*times), cure(error)
+        steps(*times), cure(error, None)
     )]
     Incomplete {
         /// The file being written.
@@ -174,12 +173,4 @@ impl AppendError {
 
 fn steps(times: u32) -> String {
     counted(times.into(), "time step")
-}
-
-fn cure(error: &std::io::Error) -> &'static str {
-    match error.kind() {
-        ErrorKind::StorageFull | ErrorKind::QuotaExceeded => "make room",
-        ErrorKind::FileTooLarge => "raise the limit of file sizes (`ulimit -f`)",
-        _ => "see to that",
-    }
 }

@@ -2,9 +2,9 @@
 
 use super::*;
 use crate::downsample::Downsample;
-use crate::pack::pack;
 use crate::pack::tests::trial::Trial;
 use crate::pack::tests::{Array, assert_same, files, level_voxels, mean_and_max, options, value};
+use crate::pack::{PackPlan, pack};
 use crate::verify::{documents as written, verify};
 use brickyard_import::{Access, ImportError, SourceInfo};
 use brickyard_volume::{BrickId, BrickIndex, ChannelLook, Level, Orientation, Voxel, VoxelBox, VoxelType};
