@@ -42,13 +42,12 @@ use crate::codec::Codec;
 use crate::downsample::Reductions;
 use crate::error::{InsideStore, ReadError};
 use crate::layout::{DEFAULT_SHARD_EDGE, check_edges};
-use crate::metadata::ChannelStatistics;
 use crate::metadata::{Kind, StoreInfo, document_bytes, root_document};
 use crate::side::array_documents;
 use crate::stats::ChannelTotals;
 use crate::version::FORMAT_VERSION;
 use brickyard_import::{ImportError, Source, SourceInfo};
-use brickyard_volume::{Apron, ChannelLook, DEFAULT_BRICK_EDGE, MAX_APRON, VoxelType, with_voxel_type};
+use brickyard_volume::{Apron, DEFAULT_BRICK_EDGE, MAX_APRON, VoxelType, with_voxel_type};
 use cascade::{Pass, Passed, Reached, Stop};
 use disk::{Disk, Part};
 use journal::Journal;
@@ -406,14 +405,14 @@ pub(crate) fn pack_on(
     let plan = plan(source, options)?;
     let settings = settings(source, options);
     let shards = plan.shard_count();
-    let report = |resumed, written_bytes, [non_finite, nodata]: [u64; 2], was_complete| PackReport {
+    let unchanged = PackReport {
         plan: plan.clone(),
         shards,
-        shards_resumed: resumed,
-        written_bytes,
-        non_finite,
-        nodata,
-        was_complete,
+        shards_resumed: shards,
+        written_bytes: 0,
+        non_finite: 0,
+        nodata: 0,
+        was_complete: true,
     };
     let start = Output::start(disk, store, options.exists, &settings, shards).map_err(|error| match error {
         PackError::Io { path, error } if matches!(error.kind(), ErrorKind::StorageFull | ErrorKind::FileTooLarge) => {
@@ -422,7 +421,7 @@ pub(crate) fn pack_on(
         }
         other => other,
     });
-    let Some(mut output) = start? else { return Ok(report(shards, 0, [0; 2], true)) };
+    let Some(mut output) = start? else { return Ok(unchanged) };
     tell(source.info(), progress);
     warn_of_space(&output.dir, &plan, progress);
     if disk::may_be_local(&output.dir) {
@@ -430,14 +429,15 @@ pub(crate) fn pack_on(
         progress.warn(&format!("{}: {what}", output.dir.display()));
     }
     progress.planned(&plan);
-    let resumed = output.journal.finished_count();
+    let shards_resumed = output.journal.finished_count();
     let pass = Pass { source, store: &output.dir, options, plan: &plan, disk, progress };
-    let passed = run_passes(&pass, &mut output.journal, no_totals(source));
+    let totals = (0..source.info().channels).map(|_| ChannelTotals::new(source.info().voxel_type)).collect();
+    let passed = run_passes(&pass, &mut output.journal, totals);
     let passed = passed.map_err(|(stop, reached)| stopped(stop, &reached, &output.dir, shards))?;
     let non_finite = passed.channels.iter().map(ChannelTotals::non_finite).sum();
     let nodata = passed.channels.iter().map(ChannelTotals::nodata).sum();
     let written_bytes = passed.written_bytes;
-    let finished = write_metadata(disk, &output.dir, source, options, &plan, &settings, passed);
+    let finished = write_metadata(&pass, &settings, passed);
     let dir = output.dir.clone();
     let finished = finished.map_err(PackError::from).and_then(|()| output.finish(disk));
     finished.map_err(|error| match error {
@@ -447,7 +447,7 @@ pub(crate) fn pack_on(
         }
         other => other,
     })?;
-    Ok(report(resumed, written_bytes, [non_finite, nodata], false))
+    Ok(PackReport { shards_resumed, written_bytes, non_finite, nodata, was_complete: false, ..unchanged })
 }
 
 /// Packs the plan's time steps: cores and coarser levels, then aprons if they are stored. Adds the voxels to the
@@ -550,27 +550,12 @@ fn warn_of_space(dir: &Path, plan: &PackPlan, progress: &dyn Progress) {
     }
 }
 
-fn no_totals(source: &dyn Source) -> Vec<ChannelTotals> {
-    let info = source.info();
-    (0..info.channels).map(|_| ChannelTotals::new(info.voxel_type)).collect()
-}
-
-fn with_looks(mut channels: Vec<ChannelStatistics>, looks: &[ChannelLook]) -> Vec<ChannelStatistics> {
-    channels.iter_mut().zip(looks).for_each(|(channel, look)| channel.take_look(look));
-    channels
-}
-
 /// Writes all documents, the root's last.
-fn write_metadata(
-    disk: &Disk,
-    dir: &Path,
-    source: &dyn Source,
-    options: &PackOptions,
-    plan: &PackPlan,
-    settings: &Value,
-    passed: Passed,
-) -> Result<(), disk::DiskError> {
+fn write_metadata(pass: &Pass, settings: &Value, passed: Passed) -> Result<(), disk::DiskError> {
+    let Pass { source, store, options, plan, disk, .. } = *pass;
     let (info, layout) = (source.info(), &plan.layout);
+    let mut channels: Vec<_> = passed.channels.iter().map(ChannelTotals::finish).collect();
+    channels.iter_mut().zip(&info.channel_looks).for_each(|(channel, look)| channel.take_look(look));
     let store_info = StoreInfo {
         version: FORMAT_VERSION,
         edge: options.edge,
@@ -588,17 +573,17 @@ fn write_metadata(
         orientation: info.orientation,
         time: info.time.clone(),
         times: None,
-        channels: with_looks(passed.channels.iter().map(ChannelTotals::finish).collect(), &info.channel_looks),
+        channels,
         source: info.identity.clone(),
         settings_fingerprint: fingerprint(settings),
         complete: true,
     };
     for Stage { layout, level, .. } in &plan.stages {
-        for (path, document) in array_documents(dir, layout, *level, &store_info) {
+        for (path, document) in array_documents(store, layout, *level, &store_info) {
             disk.write_early(&path, &document_bytes(&document))?;
         }
     }
-    disk.sync_parts(dir, [Part::Tree(dir)])?;
-    disk.write(&dir.join("zarr.json"), &document_bytes(&root_document(layout, &info.geometry, &store_info)))?;
-    disk.sync_dir(dir)
+    disk.sync_parts(store, [Part::Tree(store)])?;
+    disk.write(&store.join("zarr.json"), &document_bytes(&root_document(layout, &info.geometry, &store_info)))?;
+    disk.sync_dir(store)
 }

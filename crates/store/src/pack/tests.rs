@@ -15,7 +15,8 @@ use crate::shard_file::IoMode;
 use crate::store::Store;
 use brickyard_import::{Access, SourceInfo};
 use brickyard_volume::{
-    BrickId, BrickIndex, Extent, Geometry, Level, OccupancyBins, Orientation, Pyramid, TimeAxis, Voxel, VoxelBox,
+    BrickId, BrickIndex, ChannelLook, Extent, Geometry, Level, OccupancyBins, Orientation, Pyramid, TimeAxis, Voxel,
+    VoxelBox,
 };
 use proptest::prelude::*;
 use std::collections::BTreeMap;
