@@ -37,7 +37,7 @@ use crate::json::{parse_json, read_json};
 use crate::layout::JOURNAL_NAME;
 use crate::metadata::{ChannelStatistics, StoreInfo, document_bytes, root_document};
 use crate::pack::cascade::{Pass, Reached, Stop};
-use crate::pack::disk::{Disk, DiskError, Part, temporary};
+use crate::pack::disk::{Disk, DiskError, Part, temporary, with_suffix};
 use crate::pack::journal::Journal;
 use crate::pack::lock::DirLock;
 use crate::pack::plan::plan_last;
@@ -229,7 +229,7 @@ impl Appender {
         let time = next_axis(&store, source.info().time.as_ref(), stamp)?;
         let options = self.pack_options(store.info());
         let times = store.times().checked_add(1).ok_or_else(|| too_many(&store))?;
-        let plan = plan_last(&step, &options, &store.layout().with_times(times)).map_err(AppendError::from)?;
+        let plan = plan_last(&step, &options, &store.layout().with_times(times))?;
         let counted = self.counted(&store, progress)?;
         let before = counted.clone();
         let (non_finite, nodata) = left_out(&before);
@@ -284,20 +284,18 @@ impl Appender {
 
     /// The store's value counts, read or counted once over all steps.
     fn counted(&self, store: &Store, progress: &dyn Progress) -> Result<Vec<ChannelTotals>, Failed> {
-        let counts = Counts::of(&self.dir, store.layout());
-        let kept = counts
-            .read(store.folder(), store.times(), store.channels(), store.voxel_type())
-            .map_err(AppendError::from)?;
-        if let Some(kept) = kept {
-            return check_counts(store, &counts, &kept).map(|()| kept).map_err(|error| AppendError::from(error).into());
+        let counts = Counts::of(store);
+        if let Some(kept) = counts.read(store, store.times())? {
+            check_counts(store, &counts, &kept)?;
+            return Ok(kept);
         }
         if store.times() > 1 {
             let what = "has no counts of its values yet: the values of all steps are counted once";
             progress.warn(&format!("{}: {what}", self.dir.display()));
         }
-        let pool = pool(self.options.threads).map_err(|error| AppendError::from(PackError::Threads(error)))?;
+        let pool = pool(self.options.threads).map_err(PackError::Threads)?;
         let count = || with_voxel_type!(store.voxel_type(), T => count_store::<T>(store));
-        Ok(pool.install(count).map_err(AppendError::from)?)
+        Ok(pool.install(count)?)
     }
 
     /// Makes the last of `times` steps, with existing files, part of the store. `before` and `after` are the counts
@@ -321,7 +319,7 @@ impl Appender {
             let expected = format!("{first}, as before the step was packed");
             return Err(OpenError::invalid(&root_path, "attributes.brickyard.times", expected, store.times()).into());
         }
-        let counts = Counts::of(&self.dir, store.layout());
+        let counts = Counts::of(&store);
         counts.write(&self.disk, times, after)?;
         let dirs = array_dirs(&store);
         let of_step = dirs.iter().map(|dir| chunks_of(dir, first)).filter(|chunks| chunks.exists());
@@ -394,7 +392,7 @@ impl Appender {
         ours::remove_file(&self.disk, &temporary(&self.dir.join("zarr.json")))?;
         // An uncounted store's counts may be incomplete.
         let counted = store.info().times.unwrap_or(0);
-        Ok(Counts::of(&self.dir, store.layout()).keep_only(&self.disk, counted)?)
+        Ok(Counts::of(&store).keep_only(&self.disk, counted)?)
     }
 
     /// Refuses a store with steps appended by another program, which would be deleted.
@@ -437,15 +435,9 @@ enum Failed {
     Stop(Stop),
 }
 
-impl From<AppendError> for Failed {
-    fn from(error: AppendError) -> Self {
-        Self::Append(Box::new(error))
-    }
-}
-
-impl From<OpenError> for Failed {
-    fn from(error: OpenError) -> Self {
-        AppendError::from(error).into()
+impl<E: Into<AppendError>> From<E> for Failed {
+    fn from(error: E) -> Self {
+        Self::Append(Box::new(error.into()))
     }
 }
 
@@ -463,7 +455,7 @@ impl From<(Stop, Reached)> for Failed {
 
 /// Refuses a directory with an unfinished pack or replacement.
 fn refuse_unfinished(dir: &Path) -> Result<(), AppendError> {
-    for (path, replaces) in [(dir.to_path_buf(), false), (output::with_suffix(dir, ".packing"), true)] {
+    for (path, replaces) in [(dir.to_path_buf(), false), (with_suffix(dir, ".packing"), true)] {
         let journal = path.join(JOURNAL_NAME);
         match journal.try_exists() {
             Ok(false) => {}

@@ -7,8 +7,7 @@
 
 use crate::data_file::read_at_most;
 use crate::error::ReadError;
-use crate::folder::Folder;
-use crate::layout::{COUNTS_NAME, Layout};
+use crate::layout::COUNTS_NAME;
 use crate::mutex::lock;
 use crate::pack::brick::Workspace;
 use crate::pack::cascade::shape;
@@ -42,8 +41,8 @@ pub(crate) struct Counts {
 }
 
 impl Counts {
-    pub(crate) fn of(store: &Path, layout: &Layout) -> Self {
-        Self { dir: layout.side_dir(store, Level(0)).join(COUNTS_NAME) }
+    pub(crate) fn of(store: &Store) -> Self {
+        Self { dir: store.layout().side_dir(store.path(), Level(0)).join(COUNTS_NAME) }
     }
 
     /// The folder with the counts of the first `times` steps.
@@ -76,14 +75,8 @@ impl Counts {
     }
 
     /// Reads the counts of the first `times` steps, if the store has any.
-    pub(crate) fn read(
-        &self,
-        folder: &Folder,
-        times: u32,
-        channels: u32,
-        voxel_type: VoxelType,
-    ) -> Result<Option<Vec<ChannelTotals>>, ReadError> {
-        let dir = self.dir(times);
+    pub(crate) fn read(&self, store: &Store, times: u32) -> Result<Option<Vec<ChannelTotals>>, ReadError> {
+        let (dir, folder) = (self.dir(times), store.folder());
         match folder.file(&dir) {
             Err(error) if error.kind() == ErrorKind::NotFound && !folder.is_replaced() => return Ok(None),
             Err(error) => return Err(folder.unreadable(&dir, error)),
@@ -94,9 +87,9 @@ impl Counts {
             let most = zstd::zstd_safe::compress_bound(MOST_WORDS * 8) as u64 + 4;
             let file = read_at_most(folder.file(&path), most).map_err(|error| folder.unreadable(&path, error))?;
             let corrupt = |what| ReadError::CorruptPage { path, what: format!("{what}; {}", self.cure()) };
-            decode(&file, voxel_type).map_err(corrupt)
+            decode(&file, store.voxel_type()).map_err(corrupt)
         };
-        (0..channels as usize).map(read).collect::<Result<_, _>>().map(Some)
+        (0..store.channels() as usize).map(read).collect::<Result<_, _>>().map(Some)
     }
 
     /// Deletes all counts except those of the first `times` steps.

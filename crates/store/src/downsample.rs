@@ -127,8 +127,7 @@ impl From<Reductions> for String {
 
 /// A voxel type's arithmetic for [`downsample`].
 pub(crate) trait Reduce: Voxel + Default {
-    type Sum: Copy;
-    const ZERO: Self::Sum;
+    type Sum: Copy + Default;
     fn add(sum: Self::Sum, value: Self) -> Self::Sum;
     fn join(a: Self::Sum, b: Self::Sum) -> Self::Sum;
     /// The mean of `2^log2_count` voxels, given their sum.
@@ -143,7 +142,6 @@ macro_rules! integer_reduce {
     ($($t:ty => $sum:ty),*) => {$(
         impl Reduce for $t {
             type Sum = $sum;
-            const ZERO: $sum = 0;
             #[inline(always)]
             fn add(sum: $sum, value: Self) -> $sum { sum + value as $sum }
             #[inline(always)]
@@ -170,7 +168,6 @@ integer_reduce!(u8 => u16, i8 => i16, u16 => u32, i16 => i32, u32 => u64, i32 =>
 impl Reduce for f32 {
     /// Sum and count of the finite voxels.
     type Sum = (f64, f32);
-    const ZERO: (f64, f32) = (0.0, 0.0);
     #[inline(always)]
     fn add((sum, count): (f64, f32), value: f32) -> (f64, f32) {
         let valid = value.is_finite();
@@ -255,7 +252,7 @@ fn by_rows<T: Reduce, const FX: usize>(reduction: Reduction, core: &[T], out: &m
 
 #[inline(always)]
 fn mean_row<'a, T: Reduce, const FX: usize>(row: impl Fn(usize) -> &'a [T], rows: usize, out: &mut [T]) {
-    let mut sums = [T::ZERO; MAX_EDGE];
+    let mut sums = [T::Sum::default(); MAX_EDGE];
     let sums = &mut sums[..out.len() * FX];
     for i in 0..rows {
         for (sum, &value) in sums.iter_mut().zip(row(i)) {

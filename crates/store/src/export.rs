@@ -122,10 +122,7 @@ pub fn export(
 fn checked_region(store: &Store, request: &ExportRequest) -> Result<VoxelBox, ExportError> {
     let below = |what, found: u32, count: u32| match found < count {
         true => Ok(()),
-        false => {
-            let expected = format!("0 to {}", count - 1);
-            Err(ExportError::Outside { what, found: found.to_string(), expected })
-        }
+        false => Err(ExportError::Outside { what, found: found.to_string(), expected: format!("0 to {}", count - 1) }),
     };
     below("level", request.level.0.into(), store.pyramid().levels().len() as u32)?;
     let last = request.time.steps().next_back().ok_or_else(|| {

@@ -106,6 +106,12 @@ impl SideArray {
         side_file::read(folder, &self.page_path(page), slot, slots, self.page_bytes())
     }
 
+    /// Reads a page of fingerprints.
+    pub(crate) fn read_fingerprints(&self, folder: &Folder, page: PageId) -> Result<Vec<Fingerprint>, ReadError> {
+        let bytes = self.read_page(folder, page)?;
+        Ok(bytes.chunks_exact(size_of::<Fingerprint>()).map(bytemuck::pod_read_unaligned).collect())
+    }
+
     /// Number of pages, over all time steps (or groups) and channels.
     pub(crate) fn page_count(&self) -> u64 {
         self.times as u64 * self.channels as u64 * self.paging().page_grid().volume()
@@ -272,16 +278,6 @@ impl SidePages {
         let bytes = array.read_page(&self.folder, page)?;
         Ok(bytes.as_chunks().0.iter().map(|hash| u128::from_le_bytes(*hash)).collect())
     }
-}
-
-/// Reads and decodes a page of fingerprints.
-pub(crate) fn read_fingerprints(
-    folder: &Folder,
-    array: &SideArray,
-    page: PageId,
-) -> Result<Vec<Fingerprint>, ReadError> {
-    let bytes = array.read_page(folder, page)?;
-    Ok(bytes.chunks_exact(size_of::<Fingerprint>()).map(bytemuck::pod_read_unaligned).collect())
 }
 
 /// The hash (XXH3-128) of a brick's decoded core, padding included.

@@ -520,6 +520,12 @@ pub(crate) fn bricks_of(region: VoxelBox, edge: u32) -> impl Iterator<Item = Bri
         .filter(move |_| !empty)
 }
 
+/// Grows a box by `by` cells on each side, within another.
+pub(crate) fn grown(region: VoxelBox, by: u32, within: VoxelBox) -> VoxelBox {
+    let min = region.min.to_array().map(|v| v.saturating_sub(by));
+    VoxelBox::new(min, region.max.to_array().map(|v| v.saturating_add(by))).intersect(within)
+}
+
 fn hash(text: &[u8]) -> u64 {
     xxhash_rust::xxh3::xxh3_64(text)
 }

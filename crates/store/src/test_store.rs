@@ -11,6 +11,7 @@ use crate::scratch::Scratch;
 use crate::shard::{BrickRange, Fingerprint, encode_index};
 use crate::side::{PageFiles, SideArray, array_documents, core_hash, level_arrays};
 use crate::stats::{ChannelTotals, Counter, Measure, Tally};
+use crate::store::grown;
 use crate::version::FORMAT_VERSION;
 use brickyard_volume::{
     BrickId, Extent, Geometry, Level, PageId, Pyramid, TimeAxis, Voxel, VoxelBox, VoxelType, with_voxel_type,
@@ -215,12 +216,7 @@ impl TestStore {
         for index in voxels(grid.bricks.full_box()).map(brickyard_volume::BrickIndex::from_array) {
             let id = BrickId { time, channel, level, index };
             let core = layout.pyramid.brick_box(level, index);
-            let n = grid.extent.to_array();
-            let max = core.max.to_array();
-            let padded = VoxelBox::new(
-                core.min.to_array().map(|v| v.saturating_sub(1)),
-                std::array::from_fn(|a| (max[a] + 1).min(n[a])),
-            );
+            let padded = grown(core, 1, grid.extent.full_box());
             let (mut core, mut reach) = (range(core), range(padded));
             for child in layout.pyramid.children(level, index) {
                 let child = bricks[&BrickId { level: Level(level.0 - 1), index: child, ..id }];

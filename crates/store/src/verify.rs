@@ -222,8 +222,8 @@ impl<'a> Verifier<'a> {
 
     /// Checks the documents, and every shard's file and index.
     fn check_shards(&self) -> Result<VerifyReport, OpenError> {
-        let documents::Found { problems, edits } = documents::check(&self.views[0], self.levels())?;
-        let mut report = VerifyReport { bricks: self.brick_count(), problems, edits, ..VerifyReport::default() };
+        let of_documents = documents::check(&self.views[0], self.levels())?;
+        let mut report = VerifyReport { bricks: self.brick_count(), ..of_documents };
         for (store, level) in self.levels() {
             report.problems.par_extend(self.some(self.check_pages(store, level)));
             for chunks in store.chunks() {
@@ -401,9 +401,9 @@ impl<'a> Verifier<'a> {
 /// Checks the value counts of a store with appended steps.
 fn check_counts(store: &Store, totals: &[ChannelTotals]) -> Option<VerifyProblem> {
     let times = store.info().times?;
-    let counts = Counts::of(store.path(), store.layout());
+    let counts = Counts::of(store);
     let problem = |path: PathBuf, what: String| Some(VerifyProblem { brick: None, path, what });
-    match counts.read(store.folder(), times, store.channels(), store.voxel_type()) {
+    match counts.read(store, times) {
         Ok(Some(kept)) => {
             let wrong = kept.iter().zip(totals).position(|(kept, counted)| !kept.is_near(counted))?;
             problem(counts.dir(times).join(wrong.to_string()), "the counts differ from the channel's values".into())

@@ -47,7 +47,7 @@ pub(crate) fn foreign_steps(store: &Store) -> Result<Option<(PathBuf, u64)>, Ope
     }
     // The power may have failed before all names were durable.
     let is_renamed = |path: &PathBuf| Ok(is_there(&temporary(path)) || steps(path)? == next);
-    let counts = Counts::of(store.path(), store.layout()).dir(store.times().saturating_add(1));
+    let counts = Counts::of(store).dir(store.times().saturating_add(1));
     let is_cut_off = found == next && is_there(&counts) && !is_there(&temporary(&finest));
     let others: Vec<bool> = documents.iter().map(is_renamed).collect::<Result<_, OpenError>>()?;
     Ok((!is_cut_off || others.contains(&false)).then_some((finest, found)))

@@ -26,7 +26,7 @@ use crate::scratch::Scratch;
 use crate::shard::Fingerprint;
 use crate::shard_file::IoMode;
 use crate::side::core_hash;
-use crate::store::bricks_of;
+use crate::store::{bricks_of, grown};
 use brickyard_volume::{Apron, BrickId, Extent, Level, VoxelBox};
 use lru::LruCache;
 use rayon::prelude::*;
@@ -137,7 +137,7 @@ impl<'a> StagePass<'a> {
             let mut layer = bricks;
             (layer.min.z, layer.max.z) = (z, z + 1);
             let ids: Vec<BrickId> = bricks_of(layer, 1).map(brick).collect();
-            self.fetch_shells(&bricks_of(around(layer, self.grid), 1).map(brick).collect::<Vec<_>>())
+            self.fetch_shells(&bricks_of(grown(layer, 1, self.grid.full_box()), 1).map(brick).collect::<Vec<_>>())
                 .map_err(Stop::ReadBack)?;
             for (id, apron) in ids.iter().zip(self.encode(&ids)) {
                 let encoded = apron.as_ref().map(|(bytes, hash)| Encoded { bytes, hash: *hash });
@@ -189,10 +189,4 @@ impl<'a> StagePass<'a> {
         };
         ids.par_iter().map_init(|| vec![0; self.maker.apron_bytes()], encode).collect()
     }
-}
-
-/// A box of bricks and their neighbours.
-fn around(bricks: VoxelBox, grid: Extent) -> VoxelBox {
-    let min = bricks.min.to_array().map(|i| i.saturating_sub(1));
-    VoxelBox::new(min, bricks.max.to_array().map(|i| i + 1)).intersect(grid.full_box())
 }

@@ -295,8 +295,12 @@ fn patiently(mut change: impl FnMut() -> io::Result<()>) -> io::Result<()> {
 
 /// The name of a file until it is complete.
 pub(crate) fn temporary(path: &Path) -> PathBuf {
+    with_suffix(path, ".tmp")
+}
+
+pub(crate) fn with_suffix(path: &Path, suffix: &str) -> PathBuf {
     let mut name = path.as_os_str().to_owned();
-    name.push(".tmp");
+    name.push(suffix);
     name.into()
 }
 

@@ -17,7 +17,7 @@ use crate::folder::Folder;
 use crate::inside::{check_outside, named};
 use crate::json::read_json;
 use crate::layout::{JOURNAL_NAME, LOCK_NAME};
-use crate::pack::disk::{Disk, temporary};
+use crate::pack::disk::{Disk, temporary, with_suffix};
 use crate::pack::journal::{Head, Journal};
 use crate::pack::lock::DirLock;
 use crate::pack::{Exists, PackError, fingerprint, ours};
@@ -345,12 +345,6 @@ pub(crate) fn resolve(store: &Path) -> Result<PathBuf, PackError> {
 /// Missing directories down to `dir`, deepest first.
 fn ancestors_to_make(dir: &Path) -> Vec<PathBuf> {
     dir.ancestors().take_while(|dir| !dir.as_os_str().is_empty() && !dir.exists()).map(Path::to_path_buf).collect()
-}
-
-pub(crate) fn with_suffix(store: &Path, suffix: &str) -> PathBuf {
-    let mut name = store.as_os_str().to_owned();
-    name.push(suffix);
-    name.into()
 }
 
 /// The place of a store between two renames.

@@ -10,7 +10,7 @@ use crate::pack::brick::Workspace;
 use crate::pack::cascade::{coarse_box, ratio, shape};
 use crate::side::core_hash;
 use crate::stats::{Measure, Range, Tally, join};
-use crate::store::{Store, bricks_of};
+use crate::store::{Store, bricks_of, grown};
 use brickyard_volume::{Apron, BrickId, BrickIndex, Extent, Level, PageId, VoxelBox};
 use std::collections::BTreeSet;
 use std::path::PathBuf;
@@ -42,11 +42,7 @@ impl Block<'_> {
 
     /// Grows a box by `by` voxels on each side, within the level.
     fn grown(&self, region: VoxelBox, by: u32) -> VoxelBox {
-        let grown = VoxelBox::new(
-            region.min.to_array().map(|v| v.saturating_sub(by)),
-            region.max.to_array().map(|v| v.saturating_add(by)),
-        );
-        grown.intersect(self.store.pyramid().level(self.level).extent.full_box())
+        grown(region, by, self.store.pyramid().level(self.level).extent.full_box())
     }
 
     /// Voxels of the level per voxel of the next, which must exist.

@@ -12,25 +12,22 @@ use crate::metadata::{root_document, voxel_documents};
 use crate::shard_file::IoMode;
 use crate::side::side_documents;
 use crate::store::Store;
-use crate::verify::VerifyProblem;
+use crate::verify::{VerifyProblem, VerifyReport};
 use brickyard_import::is_of_process;
 use brickyard_volume::{Level, channel};
 use serde_json::Value;
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 
-/// Findings in a store's documents.
-pub(crate) struct Found {
-    pub(crate) problems: Vec<VerifyProblem>,
-    /// Permitted edits by other programs.
-    pub(crate) edits: Vec<VerifyProblem>,
-}
-
-/// Checks the main pyramid's root document, and the documents of these levels, each with its pyramid's store.
+/// Checks the main pyramid's root document, and the documents of these levels, each with its pyramid's store. Returns
+/// their problems and edits.
 ///
 /// # Errors
 /// If the process may not read one of them.
-pub(crate) fn check<'a>(main: &Store, levels: impl Iterator<Item = (&'a Store, Level)>) -> Result<Found, OpenError> {
+pub(crate) fn check<'a>(
+    main: &Store,
+    levels: impl Iterator<Item = (&'a Store, Level)>,
+) -> Result<VerifyReport, OpenError> {
     let mut documents = Vec::new();
     for (store, level) in levels {
         let (path, layout, info) = (store.path(), store.layout(), store.info());
@@ -54,7 +51,8 @@ pub(crate) fn check<'a>(main: &Store, levels: impl Iterator<Item = (&'a Store, L
         let found = found.map(|found| with_committed_times(&expected, found, times.as_ref()));
         check_one(path, &expected, found)
     });
-    Ok(Found { problems: of_root.into_iter().chain(checked.flatten()).chain(foreign(main)).collect(), edits })
+    let problems = of_root.into_iter().chain(checked.flatten()).chain(foreign(main)).collect();
+    Ok(VerifyReport { problems, edits, ..VerifyReport::default() })
 }
 
 /// Fails if the process may not read the document.
