@@ -381,10 +381,7 @@ impl Store {
     /// Requests read-ahead of these bricks and their stored aprons, opening their shards if needed. Shards that fail to
     /// open are reported by the read.
     pub fn advise(&self, ids: &[BrickId]) {
-        self.cores.advise(ids);
-        if let Some(aprons) = &self.aprons {
-            aprons.advise(ids);
-        }
+        self.chunks().for_each(|chunks| chunks.advise(ids));
     }
 
     /// Decodes a brick's core, `edge`^3 little-endian voxels, x fastest, into `out`. Absent bricks are all zero. Voxels
@@ -432,7 +429,7 @@ impl Store {
 
     /// Encoded bytes of bricks and aprons read since opening, including repeated and damaged ones.
     pub fn bytes_read(&self) -> u64 {
-        self.cores.bytes_read() + self.aprons.as_ref().map_or(0, Chunks::bytes_read)
+        self.chunks().map(Chunks::bytes_read).sum()
     }
 
     /// Whether the brick's core is stored. Absent cores are all zero.

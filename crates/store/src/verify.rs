@@ -255,7 +255,7 @@ impl<'a> Verifier<'a> {
         let mut found: Vec<VerifyProblem> = self.some(in_blocks.flatten()).collect();
         // Neighbours' reads may report a brick first.
         found.sort_by_key(|problem| problem.brick.map(|id| (id.time, id.channel, id.level, id.index)));
-        report.problems.append(&mut found);
+        report.problems.extend(found);
         if !self.has_enough() && !self.level_0_unread.load(Ordering::Relaxed) {
             self.check_statistics(&mut report.problems);
         }
@@ -264,11 +264,10 @@ impl<'a> Verifier<'a> {
     fn check_shard(&self, chunks: &Chunks, id: ShardId) -> Option<VerifyProblem> {
         let path = chunks.path(id);
         match chunks.shard(id) {
-            Ok(None) if chunks.has_file(id) => {
+            Ok(None) => {
                 let what = "unexpected file: the shard was packed without one (all fill value)".into();
-                Some(VerifyProblem { brick: None, path, what })
+                chunks.has_file(id).then_some(VerifyProblem { brick: None, path, what })
             }
-            Ok(None) => None,
             Ok(Some(shard)) => {
                 let brick = |slot| chunks.layout().brick_at(id, slot).map_or("one outside".into(), |id| id.to_string());
                 // The index was checked on opening the shard.

@@ -122,6 +122,12 @@ impl Disk {
         self.run_at("create_dir_all", path, |at| std::fs::create_dir_all(at))
     }
 
+    /// Creates a file's folder if needed.
+    pub(crate) fn create_parent(&self, path: &Path) -> Result<()> {
+        let missing = path.parent().filter(|parent| !self.at(parent).exists());
+        missing.map_or(Ok(()), |parent| self.create_dir_all(parent))
+    }
+
     /// Creates an empty file, replacing an existing one, for writing and reading. Other names of the old file keep its
     /// content.
     pub(crate) fn create(&self, path: &Path) -> Result<File> {
@@ -223,8 +229,7 @@ impl Disk {
     /// Writes a small file nobody reads before [`Disk::sync_parts`], creating its folder if needed: until then a power
     /// failure may truncate it.
     pub(crate) fn write_early(&self, path: &Path, bytes: &[u8]) -> Result<()> {
-        let missing = path.parent().filter(|parent| !self.at(parent).exists());
-        missing.map_or(Ok(()), |parent| self.create_dir_all(parent))?;
+        self.create_parent(path)?;
         self.prepare(path, bytes)?;
         self.name(path)
     }

@@ -182,18 +182,17 @@ impl<'a> ShardWriter<'a> {
             Some(open) if is_open => self.file.insert(open),
             _ => {
                 let path = temporary(&self.layout.shard_path(self.store, id));
-                let file = if is_first { self.create(&path)? } else { self.disk.reopen(&path)? };
+                let file = if is_first {
+                    // Only the first shard of a row finds its directory missing.
+                    self.disk.create_parent(&path)?;
+                    self.disk.create(&path)?
+                } else {
+                    self.disk.reopen(&path)?
+                };
                 self.file.insert((id, path, file))
             }
         };
         Ok((path, file))
-    }
-
-    fn create(&self, path: &Path) -> Result<File, DiskError> {
-        // Only the first shard of a row finds its directory missing.
-        let parent = path.parent().filter(|parent| !parent.exists());
-        parent.map_or(Ok(()), |parent| self.disk.create_dir_all(parent))?;
-        self.disk.create(path)
     }
 }
 
