@@ -78,39 +78,27 @@ pub(super) fn stale_groups(store: &Path) -> Vec<PathBuf> {
     groups.take_while(|(_, document)| document.is_file()).filter(has_gathered).map(|(_, document)| document).collect()
 }
 
-/// Precedence for a changed document.
-#[derive(Clone, Copy, PartialEq)]
-enum Owner {
-    /// The store's own part.
-    Ours,
-    /// Parts that other programs may edit.
-    Anybody,
-}
-
 /// Applies the changes from `old` to `new` to the root document found: everywhere in the store's own part, elsewhere
 /// only to unedited values. Keys absent from both stay.
 pub(super) fn update_root(old: &Value, new: &Value, found: &mut Value) {
-    update(old, new, found, Owner::Anybody);
-    update(
-        &old["attributes"]["brickyard"],
-        &new["attributes"]["brickyard"],
-        &mut found["attributes"]["brickyard"],
-        Owner::Ours,
-    );
+    update(old, new, found, false);
+    let [old, new] = [old, new].map(|document| &document["attributes"]["brickyard"]);
+    update(old, new, &mut found["attributes"]["brickyard"], true);
 }
 
-fn update(old: &Value, new: &Value, found: &mut Value, owner: Owner) {
+/// Applies changes to the store's own part (`is_ours`), or to one that other programs may edit.
+fn update(old: &Value, new: &Value, found: &mut Value, is_ours: bool) {
     match (new, &mut *found) {
         (Value::Object(new), Value::Object(found)) => {
             if let Some(old) = old.as_object() {
-                let is_theirs = |old: &Value, value: &Value| owner == Owner::Anybody && !is_same(old, value);
+                let is_theirs = |old: &Value, value: &Value| !is_ours && !is_same(old, value);
                 found
                     .retain(|key, value| new.contains_key(key) || old.get(key).is_none_or(|old| is_theirs(old, value)));
             }
             for (key, new) in new {
                 match found.get_mut(key) {
-                    Some(found) => update(&old[key], new, found, owner),
-                    None if owner == Owner::Ours || old.get(key).is_none() => {
+                    Some(found) => update(&old[key], new, found, is_ours),
+                    None if is_ours || old.get(key).is_none() => {
                         found.insert(key.clone(), new.clone());
                     }
                     // Somebody deleted it.
@@ -120,11 +108,11 @@ fn update(old: &Value, new: &Value, found: &mut Value, owner: Owner) {
         }
         (Value::Array(new), Value::Array(found)) if new.len() == found.len() => {
             for (i, (new, found)) in new.iter().zip(found).enumerate() {
-                update(&old[i], new, found, owner);
+                update(&old[i], new, found, is_ours);
             }
         }
         (_, found) => {
-            if owner == Owner::Ours || is_same(old, found) {
+            if is_ours || is_same(old, found) {
                 *found = new.clone();
             }
         }
