@@ -20,7 +20,7 @@ mod tests;
 use crate::chunks::Chunks;
 use crate::counts::Counts;
 use crate::error::{OpenError, ReadError};
-use crate::layout::ShardId;
+use crate::layout::{ShardId, place_at};
 use crate::metadata::ChannelStatistics;
 use crate::mutex::lock;
 use crate::pack::brick::Workspace;
@@ -56,6 +56,15 @@ impl std::fmt::Display for VerifyProblem {
             write!(f, "{brick}: ")?;
         }
         f.write_str(&self.what)
+    }
+}
+
+impl VerifyProblem {
+    /// The problem of a file in the words of an error, without the path in front.
+    fn of_file(path: PathBuf, error: &impl std::fmt::Display) -> Self {
+        let message = error.to_string();
+        let what = message.strip_prefix(&format!("{}: ", path.display())).unwrap_or(&message).to_owned();
+        Self { brick: None, path, what }
     }
 }
 
@@ -298,16 +307,13 @@ impl<'a> Verifier<'a> {
             let _ = self.barred.set(error);
             return None;
         }
-        let message = error.to_string();
-        let (brick, path, what) = match error {
-            ReadError::CorruptBrick { path, id, error } => (Some(id), path, error.to_string()),
-            other => {
-                let path = other.path().to_path_buf();
-                let what = documents::without_path(&message, &path);
-                (None, path, what)
+        let problem = match error {
+            ReadError::CorruptBrick { path, id, error } => {
+                VerifyProblem { brick: Some(id), path, what: error.to_string() }
             }
+            other => VerifyProblem::of_file(other.path().into(), &other),
         };
-        lock(&self.unread).insert((path.clone(), brick)).then_some(VerifyProblem { brick, path, what })
+        lock(&self.unread).insert((problem.path.clone(), problem.brick)).then_some(problem)
     }
 
     /// The main pyramid's levels, then the second one's own.
@@ -350,8 +356,8 @@ impl<'a> Verifier<'a> {
             // Blocks are whole bricks.
             let grid = Extent::from_array(whole.max.to_array().map(|n| n.div_ceil(edge)));
             (0..grid.volume()).into_par_iter().map(move |i| {
-                let (x, y) = (grid.x as u64, grid.y as u64);
-                let corner = [i % x, i / x % y, i / x / y].map(|i| i as u32 * edge);
+                let [_, _, z, y, x] = place_at(i, 1, grid);
+                let corner = [x, y, z].map(|i| i * edge);
                 let core = VoxelBox::new(corner, corner.map(|c| c.saturating_add(edge))).intersect(whole);
                 Block { store, time: volume / channels, channel: volume % channels, level, core }
             })
@@ -410,11 +416,7 @@ fn check_counts(store: &Store, totals: &[ChannelTotals]) -> Option<VerifyProblem
         // Another append may have replaced them.
         Ok(None) | Err(_) if store.newer().is_ok_and(|newer| newer.is_some()) => None,
         Ok(None) => problem(counts.dir(times), "missing".into()),
-        Err(error) => {
-            let path = error.path().to_path_buf();
-            let what = documents::without_path(&error.to_string(), &path);
-            problem(path, what)
-        }
+        Err(error) => Some(VerifyProblem::of_file(error.path().into(), &error)),
     }
 }
 

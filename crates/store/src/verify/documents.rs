@@ -17,7 +17,7 @@ use brickyard_import::is_of_process;
 use brickyard_volume::{Level, channel};
 use serde_json::Value;
 use std::ops::RangeInclusive;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// Checks the main pyramid's root document, and the documents of these levels, each with its pyramid's store. Returns
 /// their problems and edits.
@@ -102,15 +102,16 @@ fn take_edits(expected: &Value, root: &mut Value) -> Vec<String> {
 
 /// Steps appended by another program, unless the store grows meanwhile.
 fn foreign(main: &Store) -> Option<VerifyProblem> {
-    let (path, what) = match foreign_steps(main) {
+    let problem = match foreign_steps(main) {
         Ok(found) => {
             let (path, found) = found?;
-            (path, format!("shape[0]: expected {}, found {found}: {FOREIGN_STEPS}", main.times()))
+            let what = format!("shape[0]: expected {}, found {found}: {FOREIGN_STEPS}", main.times());
+            VerifyProblem { brick: None, path, what }
         }
-        Err(error) => (main.path().to_path_buf(), without_path(&error.to_string(), main.path())),
+        Err(error) => VerifyProblem::of_file(main.path().into(), &error),
     };
     let has_grown = main.newer().is_ok_and(|newer| newer.is_some());
-    (!has_grown).then_some(VerifyProblem { brick: None, path, what })
+    (!has_grown).then_some(problem)
 }
 
 /// The expected and the actual root document. Since steps may have been appended, the expected one is generated from
@@ -145,17 +146,13 @@ fn with_committed_times(expected: &Value, mut found: Value, times: Option<&Range
 }
 
 fn check_one(path: PathBuf, expected: &Value, found: Result<Value, OpenError>) -> Option<VerifyProblem> {
-    let what = match found {
-        Ok(found) => difference(expected, &found, &mut String::new())?,
-        Err(OpenError::Io { error, .. }) => error.to_string(),
-        Err(error) => without_path(&error.to_string(), &path),
-    };
-    Some(VerifyProblem { brick: None, path, what })
-}
-
-/// A message without its file's path, which the problem already has.
-pub(super) fn without_path(message: &str, path: &Path) -> String {
-    message.strip_prefix(&format!("{}: ", path.display())).unwrap_or(message).to_owned()
+    match found {
+        Ok(found) => {
+            let what = difference(expected, &found, &mut String::new())?;
+            Some(VerifyProblem { brick: None, path, what })
+        }
+        Err(error) => Some(VerifyProblem::of_file(path, &error)),
+    }
 }
 
 /// The first difference from the expected document. Unexpected keys belong to others.
