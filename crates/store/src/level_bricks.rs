@@ -60,21 +60,19 @@ impl LevelBricks {
     /// # Panics
     /// If there is no such brick.
     pub fn core(&self, level: Level, index: BrickIndex) -> &[u8] {
-        let bytes = self.core_bytes();
-        &self.levels[level.index()].cores[self.start(level, index)..][..bytes]
+        &self.levels[level.index()].cores[self.place(level, index)]
     }
 
     fn core_mut(&mut self, level: Level, index: BrickIndex) -> &mut [u8] {
-        let (bytes, start) = (self.core_bytes(), self.start(level, index));
-        &mut self.levels[level.index()].cores[start..][..bytes]
+        let place = self.place(level, index);
+        &mut self.levels[level.index()].cores[place]
     }
 
-    fn core_bytes(&self) -> usize {
-        (self.edge as usize).pow(3) * self.voxel_bytes
-    }
-
-    fn start(&self, level: Level, index: BrickIndex) -> usize {
-        self.levels[level.index()].grid.linear(index.to_array()) as usize * self.core_bytes()
+    /// The bytes of a core among its level's.
+    fn place(&self, level: Level, index: BrickIndex) -> std::ops::Range<usize> {
+        let core_bytes = (self.edge as usize).pow(3) * self.voxel_bytes;
+        let start = self.levels[level.index()].grid.linear(index.to_array()) as usize * core_bytes;
+        start..start + core_bytes
     }
 
     /// Copies the voxels of level 0 into its bricks.
