@@ -36,7 +36,7 @@ use crate::folder::Folder;
 use crate::json::{parse_json, read_json};
 use crate::layout::JOURNAL_NAME;
 use crate::metadata::{ChannelStatistics, StoreInfo, document_bytes, root_document};
-use crate::pack::cascade::{Pass, Reached, Stop};
+use crate::pack::cascade::{Pass, Stop, Stopped};
 use crate::pack::disk::{Disk, DiskError, Part, temporary, with_suffix};
 use crate::pack::journal::Journal;
 use crate::pack::lock::DirLock;
@@ -87,7 +87,6 @@ pub struct AppendReport {
 /// append; reading is allowed.
 pub struct Appender {
     disk: Disk,
-    dir: PathBuf,
     folder: Arc<Folder>,
     options: AppendOptions,
     times: u32,
@@ -101,12 +100,6 @@ fn can_grow(store: &Store) -> Result<(), AppendError> {
         true => Ok(()),
         false if steps > 1 => Err(AppendError::Grouped { store: path(), steps }),
         false => Err(AppendError::NoTime { store: path() }),
-    }
-}
-
-impl PackOptions {
-    fn of_append(&self) -> AppendOptions {
-        AppendOptions { memory_bytes: self.memory_bytes, threads: self.threads }
     }
 }
 
@@ -146,6 +139,7 @@ impl Appender {
     ) -> Result<Self, AppendError> {
         let first = first_step(source, stamp)?;
         let options = PackOptions { exists: Exists::Resume, ..options.clone() };
+        let resources = AppendOptions { memory_bytes: options.memory_bytes, threads: options.threads };
         match pack_on(&disk, &first, store, &options, progress) {
             Ok(report) if report.was_complete => {
                 return Err(PackError::Exists { path: store.into(), unfinished: false }.into());
@@ -155,12 +149,12 @@ impl Appender {
                 return Err(AppendError::of_first(error).after(store, 0));
             }
             Err(PackError::Mismatch { .. }) if output::end(&disk, store)? => {
-                let mut appender = Self::open_on(disk, store, options.of_append())?;
+                let mut appender = Self::open_on(disk, store, resources)?;
                 return appender.append(source, stamp, progress).map(|_| appender);
             }
             Err(error) => return Err(AppendError::of_first(error)),
         }
-        Self::open_on(disk, store, options.of_append()).map_err(|error| error.after(store, 0))
+        Self::open_on(disk, store, resources).map_err(|error| error.after(store, 0))
     }
 
     fn open_on(disk: Disk, store: &Path, options: AppendOptions) -> Result<Self, AppendError> {
@@ -178,7 +172,7 @@ impl Appender {
         lock.declare(&disk).map_err(PackError::from)?;
         let folder = Arc::new(open_folder(&dir)?);
         disk.work_in(folder.clone());
-        let mut appender = Self { disk, dir, folder, options, times: 0, _lock: lock };
+        let mut appender = Self { disk, folder, options, times: 0, _lock: lock };
         appender.take_back().map_err(|error| appender.stopped(error))?;
         can_grow(&appender.open_store()?)?;
         Ok(appender)
@@ -191,7 +185,7 @@ impl Appender {
 
     /// The directory of the store.
     pub fn path(&self) -> &Path {
-        &self.dir
+        self.folder.path()
     }
 
     /// Appends the only step of a source, taken at `stamp`. By default, the source's own time counts if it starts
@@ -214,7 +208,7 @@ impl Appender {
             // If the rollback fails now, it is repeated before the next step.
             let _ = self.take_back();
             let error = if self.folder.is_replaced() { self.folder.replaced().into() } else { self.stopped(error) };
-            if self.times > before { error.after(&self.dir, before) } else { error }
+            if self.times > before { error.after(self.path(), before) } else { error }
         })
     }
 
@@ -235,11 +229,12 @@ impl Appender {
         let (non_finite, nodata) = left_out(&before);
         tell(source.info(), progress);
         progress.planned(&plan);
-        let pass = Pass { source: &step, store: &self.dir, options: &options, plan: &plan, disk: &self.disk, progress };
+        let pass =
+            Pass { source: &step, store: self.path(), options: &options, plan: &plan, disk: &self.disk, progress };
         let passed = run_passes(&pass, &mut Journal::none(&self.disk, self.path()), counted)?;
         check_nodata(source.info(), &store, left_out(&passed.channels).1 - nodata)?;
         self.commit(times, time, &before, &passed.channels)?;
-        for group in stale_groups(&self.dir) {
+        for group in stale_groups(self.path()) {
             let what = "holds a copy of this store's metadata without the new step: consolidate it anew";
             progress.warn(&format!("{}: {what} (zarr.consolidate_metadata)", group.display()));
         }
@@ -291,7 +286,7 @@ impl Appender {
         }
         if store.times() > 1 {
             let what = "has no counts of its values yet: the values of all steps are counted once";
-            progress.warn(&format!("{}: {what}", self.dir.display()));
+            progress.warn(&format!("{}: {what}", self.path().display()));
         }
         let pool = pool(self.options.threads).map_err(PackError::Threads)?;
         let count = || with_voxel_type!(store.voxel_type(), T => count_store::<T>(store));
@@ -308,7 +303,7 @@ impl Appender {
         after: &[ChannelTotals],
     ) -> Result<(), Failed> {
         self.refuse_replaced()?;
-        let root_path = self.dir.join("zarr.json");
+        let root_path = self.path().join("zarr.json");
         let text = self.folder.document(&root_path)?;
         let mut root = parse_json(&root_path, &text)?;
         // Others may have edited it meanwhile.
@@ -342,12 +337,12 @@ impl Appender {
         }
         let grown = StoreInfo { times: Some(times), time, channels: statistics(info, before, after), ..info.clone() };
         update_root(&written(&counting), &written(&grown), &mut root);
-        update_consolidated(&self.dir, &dirs, times, &mut root);
+        update_consolidated(self.path(), &dirs, times, &mut root);
         self.disk.prepare(&root_path, &document_bytes(&root))?;
-        self.disk.sync_parts(&self.dir, dirs.iter().map(|dir| Part::Folder(dir)))?;
+        self.disk.sync_parts(self.path(), dirs.iter().map(|dir| Part::Folder(dir)))?;
         self.disk.name(&root_path)?;
         self.times = times;
-        self.disk.sync_dir(&self.dir)?;
+        self.disk.sync_dir(self.path())?;
         Ok(counts.keep_only(&self.disk, times)?)
     }
 
@@ -356,7 +351,7 @@ impl Appender {
         let chunks = of_step.iter().flat_map(|chunks| [Part::Tree(chunks), Part::Folder(output::parent(chunks))]);
         let counts = [Part::Tree(counts.folder()), Part::Folder(output::parent(counts.folder()))];
         let dirs = dirs.iter().map(|dir| Part::Folder(dir));
-        self.disk.sync_parts(&self.dir, chunks.chain(counts).chain(dirs))
+        self.disk.sync_parts(self.path(), chunks.chain(counts).chain(dirs))
     }
 
     fn write_synced(&self, path: &Path, document: &Value) -> Result<(), DiskError> {
@@ -371,7 +366,7 @@ impl Appender {
         self.times = store.times();
         self.refuse_foreign_steps(&store)?;
         // Counts of fewer steps go only once the document with the present number is durable.
-        self.disk.sync_dir(&self.dir)?;
+        self.disk.sync_dir(self.path())?;
         let dirs = array_dirs(&store);
         for dir in dirs.iter().rev() {
             let document = read_json(&self.folder, &dir.join("zarr.json"))?;
@@ -389,7 +384,7 @@ impl Appender {
             }
             ours::remove_file(&self.disk, &temporary(&dir.join("zarr.json")))?;
         }
-        ours::remove_file(&self.disk, &temporary(&self.dir.join("zarr.json")))?;
+        ours::remove_file(&self.disk, &temporary(&self.path().join("zarr.json")))?;
         // An uncounted store's counts may be incomplete.
         let counted = store.info().times.unwrap_or(0);
         Ok(Counts::of(&store).keep_only(&self.disk, counted)?)
@@ -403,7 +398,7 @@ impl Appender {
     }
 
     fn stopped(&self, failed: Failed) -> AppendError {
-        let (store, times) = (self.dir.clone(), self.times);
+        let (store, times) = (self.path().to_path_buf(), self.times);
         match failed {
             Failed::Append(error) => *error,
             Failed::Stop(Stop::Disk(DiskError { path, error })) => {
@@ -447,8 +442,8 @@ impl From<DiskError> for Failed {
     }
 }
 
-impl From<(Stop, Reached)> for Failed {
-    fn from((stop, _): (Stop, Reached)) -> Self {
+impl From<Stopped> for Failed {
+    fn from((stop, _): Stopped) -> Self {
         Self::Stop(stop)
     }
 }

@@ -48,7 +48,7 @@ use crate::stats::ChannelTotals;
 use crate::version::FORMAT_VERSION;
 use brickyard_import::{ImportError, Source, SourceInfo};
 use brickyard_volume::{Apron, DEFAULT_BRICK_EDGE, MAX_APRON, VoxelType, with_voxel_type};
-use cascade::{Pass, Passed, Reached, Stop};
+use cascade::{Pass, Passed, Reached, Stop, Stopped};
 use disk::{Disk, Part};
 use journal::Journal;
 use output::Output;
@@ -452,11 +452,7 @@ pub(crate) fn pack_on(
 
 /// Packs the plan's time steps: cores and coarser levels, then aprons if they are stored. Adds the voxels to the
 /// channels' totals.
-pub(crate) fn run_passes(
-    pass: &Pass,
-    journal: &mut Journal,
-    channels: Vec<ChannelTotals>,
-) -> Result<Passed, (Stop, Reached)> {
+pub(crate) fn run_passes(pass: &Pass, journal: &mut Journal, channels: Vec<ChannelTotals>) -> Result<Passed, Stopped> {
     let mut passed = with_voxel_type!(pass.source.info().voxel_type, T => pass.run::<T>(journal, channels))?;
     if let Some(apron) = pass.options.apron() {
         let nothing = Reached::new(pass.plan.core_shard_count(), 0, 0, pass.plan.apron_bytes);

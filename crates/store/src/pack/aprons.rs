@@ -14,7 +14,7 @@ use crate::codec::BrickCodec;
 use crate::error::ReadError;
 use crate::folder::Folder;
 use crate::layout::{Layout, ShardId};
-use crate::pack::cascade::{Pass, Reached, Stop};
+use crate::pack::cascade::{Pass, Reached, Stop, Stopped};
 use crate::pack::disk::DiskError;
 use crate::pack::journal::Journal;
 use crate::pack::plan::Stage;
@@ -44,7 +44,7 @@ struct Made {
 impl Pass<'_> {
     /// Makes the aprons of all stages, and returns the bytes written to their shards. On failure, finished shards stay
     /// and are in the journal.
-    pub(crate) fn run_aprons(&self, apron: Apron, journal: &mut Journal) -> Result<u64, (Stop, Reached)> {
+    pub(crate) fn run_aprons(&self, apron: Apron, journal: &mut Journal) -> Result<u64, Stopped> {
         let mut made = Made::default();
         let maker = ApronMaker { apron, voxel_bytes: self.source.info().voxel_type.bytes() };
         let reached = |made: &Made| {

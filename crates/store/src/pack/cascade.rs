@@ -80,6 +80,9 @@ impl Reached {
     }
 }
 
+/// The end of a stopped pass.
+pub(crate) type Stopped = (Stop, Reached);
+
 /// The writer's progress.
 #[derive(Default)]
 struct Written {
@@ -166,7 +169,7 @@ impl Pass<'_> {
         &self,
         journal: &mut Journal,
         mut channels: Vec<ChannelTotals>,
-    ) -> Result<Passed, (Stop, Reached)> {
+    ) -> Result<Passed, Stopped> {
         let threads = self.options.threads;
         let edge = self.options.edge as usize;
         let mut written = Written::default();
