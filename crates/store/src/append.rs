@@ -36,13 +36,12 @@ use crate::folder::Folder;
 use crate::json::{parse_json, read_json};
 use crate::layout::JOURNAL_NAME;
 use crate::metadata::{ChannelStatistics, StoreInfo, document_bytes, root_document};
-use crate::pack::aprons::ApronPass;
-use crate::pack::cascade::{Pass, Passed, Reached, Stop};
-use crate::pack::disk::{Disk, DiskError, Part, temporary};
+use crate::pack::cascade::{Pass, Stop, Stopped};
+use crate::pack::disk::{Disk, DiskError, Part, temporary, with_suffix};
 use crate::pack::journal::Journal;
 use crate::pack::lock::DirLock;
 use crate::pack::plan::plan_last;
-use crate::pack::{Exists, PackError, PackOptions, PackPlan, Progress, ours, output, pack_on, tell};
+use crate::pack::{Exists, PackError, PackOptions, Progress, ours, output, pack_on, pool, run_passes, tell};
 use crate::shard_file::IoMode;
 use crate::stats::ChannelTotals;
 use crate::store::{Store, open_folder};
@@ -51,7 +50,6 @@ use brickyard_volume::{TimeAxis, with_voxel_type};
 pub(crate) use documents::{FOREIGN_STEPS, foreign_steps};
 use documents::{array_dirs, stale_groups, update_consolidated, update_root};
 use serde_json::{Value, json};
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use step::{check_nodata, first_step, next_axis, next_step};
@@ -89,7 +87,6 @@ pub struct AppendReport {
 /// append; reading is allowed.
 pub struct Appender {
     disk: Disk,
-    dir: PathBuf,
     folder: Arc<Folder>,
     options: AppendOptions,
     times: u32,
@@ -104,19 +101,6 @@ fn can_grow(store: &Store) -> Result<(), AppendError> {
         false if steps > 1 => Err(AppendError::Grouped { store: path(), steps }),
         false => Err(AppendError::NoTime { store: path() }),
     }
-}
-
-impl PackOptions {
-    fn of_append(&self) -> AppendOptions {
-        AppendOptions { memory_bytes: self.memory_bytes, threads: self.threads }
-    }
-}
-
-/// The next step of a store, checked for appending.
-struct Next {
-    plan: PackPlan,
-    options: PackOptions,
-    time: Option<TimeAxis>,
 }
 
 impl Appender {
@@ -155,6 +139,7 @@ impl Appender {
     ) -> Result<Self, AppendError> {
         let first = first_step(source, stamp)?;
         let options = PackOptions { exists: Exists::Resume, ..options.clone() };
+        let resources = AppendOptions { memory_bytes: options.memory_bytes, threads: options.threads };
         match pack_on(&disk, &first, store, &options, progress) {
             Ok(report) if report.was_complete => {
                 return Err(PackError::Exists { path: store.into(), unfinished: false }.into());
@@ -164,12 +149,12 @@ impl Appender {
                 return Err(AppendError::of_first(error).after(store, 0));
             }
             Err(PackError::Mismatch { .. }) if output::end(&disk, store)? => {
-                let mut appender = Self::open_on(disk, store, options.of_append())?;
+                let mut appender = Self::open_on(disk, store, resources)?;
                 return appender.append(source, stamp, progress).map(|_| appender);
             }
             Err(error) => return Err(AppendError::of_first(error)),
         }
-        Self::open_on(disk, store, options.of_append()).map_err(|error| error.after(store, 0))
+        Self::open_on(disk, store, resources).map_err(|error| error.after(store, 0))
     }
 
     fn open_on(disk: Disk, store: &Path, options: AppendOptions) -> Result<Self, AppendError> {
@@ -187,7 +172,7 @@ impl Appender {
         lock.declare(&disk).map_err(PackError::from)?;
         let folder = Arc::new(open_folder(&dir)?);
         disk.work_in(folder.clone());
-        let mut appender = Self { disk, dir, folder, options, times: 0, _lock: lock };
+        let mut appender = Self { disk, folder, options, times: 0, _lock: lock };
         appender.take_back().map_err(|error| appender.stopped(error))?;
         can_grow(&appender.open_store()?)?;
         Ok(appender)
@@ -200,7 +185,7 @@ impl Appender {
 
     /// The directory of the store.
     pub fn path(&self) -> &Path {
-        &self.dir
+        self.folder.path()
     }
 
     /// Appends the only step of a source, taken at `stamp`. By default, the source's own time counts if it starts
@@ -222,8 +207,8 @@ impl Appender {
         appended.map_err(|error| {
             // If the rollback fails now, it is repeated before the next step.
             let _ = self.take_back();
-            let error = if self.folder.is_replaced() { self.replaced().into() } else { self.stopped(error) };
-            if self.times > before { error.after(&self.dir, before) } else { error }
+            let error = if self.folder.is_replaced() { self.folder.replaced().into() } else { self.stopped(error) };
+            if self.times > before { error.after(self.path(), before) } else { error }
         })
     }
 
@@ -238,17 +223,18 @@ impl Appender {
         let time = next_axis(&store, source.info().time.as_ref(), stamp)?;
         let options = self.pack_options(store.info());
         let times = store.times().checked_add(1).ok_or_else(|| too_many(&store))?;
-        let plan = plan_last(&step, &options, &store.layout().with_times(times)).map_err(AppendError::from)?;
+        let plan = plan_last(&step, &options, &store.layout().with_times(times))?;
         let counted = self.counted(&store, progress)?;
         let before = counted.clone();
         let (non_finite, nodata) = left_out(&before);
         tell(source.info(), progress);
         progress.planned(&plan);
-        let next = Next { plan, options, time };
-        let passed = self.pack_step(&next, &step, counted, progress)?;
+        let pass =
+            Pass { source: &step, store: self.path(), options: &options, plan: &plan, disk: &self.disk, progress };
+        let passed = run_passes(&pass, &mut Journal::none(&self.disk, self.path()), counted)?;
         check_nodata(source.info(), &store, left_out(&passed.channels).1 - nodata)?;
-        self.commit(&next, &before, &passed.channels)?;
-        for group in stale_groups(&self.dir) {
+        self.commit(times, time, &before, &passed.channels)?;
+        for group in stale_groups(self.path()) {
             let what = "holds a copy of this store's metadata without the new step: consolidate it anew";
             progress.warn(&format!("{}: {what} (zarr.consolidate_metadata)", group.display()));
         }
@@ -261,13 +247,9 @@ impl Appender {
         })
     }
 
-    fn replaced(&self) -> OpenError {
-        OpenError::Replaced { store: self.dir.clone() }
-    }
-
     /// Refuses a change based on a replaced store.
     fn refuse_replaced(&self) -> Result<(), OpenError> {
-        if self.folder.is_replaced() { Err(self.replaced()) } else { Ok(()) }
+        if self.folder.is_replaced() { Err(self.folder.replaced()) } else { Ok(()) }
     }
 
     /// Opens the store, including a second pyramid's documents.
@@ -297,59 +279,42 @@ impl Appender {
 
     /// The store's value counts, read or counted once over all steps.
     fn counted(&self, store: &Store, progress: &dyn Progress) -> Result<Vec<ChannelTotals>, Failed> {
-        let counts = Counts::of(&self.dir, store.layout());
-        let kept = counts
-            .read(store.folder(), store.times(), store.channels(), store.voxel_type())
-            .map_err(AppendError::from)?;
-        if let Some(kept) = kept {
-            return check_counts(store, &counts, &kept).map(|()| kept).map_err(|error| AppendError::from(error).into());
+        let counts = Counts::of(store);
+        if let Some(kept) = counts.read(store, store.times())? {
+            check_counts(store, &counts, &kept)?;
+            return Ok(kept);
         }
         if store.times() > 1 {
             let what = "has no counts of its values yet: the values of all steps are counted once";
-            progress.warn(&format!("{}: {what}", self.dir.display()));
+            progress.warn(&format!("{}: {what}", self.path().display()));
         }
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(self.options.threads).build();
-        let pool = pool.map_err(|error| AppendError::from(PackError::Threads(error.to_string())))?;
+        let pool = pool(self.options.threads).map_err(PackError::Threads)?;
         let count = || with_voxel_type!(store.voxel_type(), T => count_store::<T>(store));
-        Ok(pool.install(count).map_err(AppendError::from)?)
+        Ok(pool.install(count)?)
     }
 
-    fn pack_step(
-        &self,
-        next: &Next,
-        source: &dyn Source,
-        counted: Vec<ChannelTotals>,
-        progress: &dyn Progress,
-    ) -> Result<Passed, Failed> {
-        let Next { plan, options, .. } = next;
-        let (store, disk, voxel_type) = (&self.dir, &self.disk, source.info().voxel_type);
-        let mut journal = Journal::none();
-        let pass = Pass { source, store, options, plan, disk, progress };
-        let mut passed = with_voxel_type!(voxel_type, T => pass.run::<T>(&mut journal, counted))?;
-        if let Some(apron) = options.apron() {
-            let pass = ApronPass { store, voxel_type, apron, options, plan, disk, progress };
-            let run = AssertUnwindSafe(|| pass.run(&mut journal));
-            let written = catch_unwind(run).unwrap_or_else(|panic| Err((Stop::panic(panic), Reached::new(0, 0, 0, 0))));
-            passed.written_bytes += written?;
-        }
-        Ok(passed)
-    }
-
-    /// Makes a step with existing files part of the store. `before` and `after` are the counts without and with it.
-    fn commit(&mut self, next: &Next, before: &[ChannelTotals], after: &[ChannelTotals]) -> Result<(), Failed> {
+    /// Makes the last of `times` steps, with existing files, part of the store. `before` and `after` are the counts
+    /// without and with it.
+    fn commit(
+        &mut self,
+        times: u32,
+        time: Option<TimeAxis>,
+        before: &[ChannelTotals],
+        after: &[ChannelTotals],
+    ) -> Result<(), Failed> {
         self.refuse_replaced()?;
-        let root_path = self.dir.join("zarr.json");
+        let root_path = self.path().join("zarr.json");
         let text = self.folder.document(&root_path)?;
         let mut root = parse_json(&root_path, &text)?;
         // Others may have edited it meanwhile.
         let store = Store::open_with_root(&self.folder, IoMode::default(), None, &text)?;
         let info = store.info();
-        let (first, times) = (next.plan.steps.start, next.plan.steps.end);
+        let first = times - 1;
         if store.times() != first {
             let expected = format!("{first}, as before the step was packed");
             return Err(OpenError::invalid(&root_path, "attributes.brickyard.times", expected, store.times()).into());
         }
-        let counts = Counts::of(&self.dir, store.layout());
+        let counts = Counts::of(&store);
         counts.write(&self.disk, times, after)?;
         let dirs = array_dirs(&store);
         let of_step = dirs.iter().map(|dir| chunks_of(dir, first)).filter(|chunks| chunks.exists());
@@ -370,19 +335,14 @@ impl Appender {
         for dir in &dirs {
             self.disk.name(&dir.join("zarr.json"))?;
         }
-        let grown = StoreInfo {
-            times: Some(times),
-            time: next.time.clone(),
-            channels: statistics(info, before, after),
-            ..info.clone()
-        };
+        let grown = StoreInfo { times: Some(times), time, channels: statistics(info, before, after), ..info.clone() };
         update_root(&written(&counting), &written(&grown), &mut root);
-        update_consolidated(&self.dir, &dirs, times, &mut root);
+        update_consolidated(self.path(), &dirs, times, &mut root);
         self.disk.prepare(&root_path, &document_bytes(&root))?;
-        self.disk.sync_parts(&self.dir, dirs.iter().map(|dir| Part::Folder(dir)))?;
+        self.disk.sync_parts(self.path(), dirs.iter().map(|dir| Part::Folder(dir)))?;
         self.disk.name(&root_path)?;
         self.times = times;
-        self.disk.sync_dir(&self.dir)?;
+        self.disk.sync_dir(self.path())?;
         Ok(counts.keep_only(&self.disk, times)?)
     }
 
@@ -391,7 +351,7 @@ impl Appender {
         let chunks = of_step.iter().flat_map(|chunks| [Part::Tree(chunks), Part::Folder(output::parent(chunks))]);
         let counts = [Part::Tree(counts.folder()), Part::Folder(output::parent(counts.folder()))];
         let dirs = dirs.iter().map(|dir| Part::Folder(dir));
-        self.disk.sync_parts(&self.dir, chunks.chain(counts).chain(dirs))
+        self.disk.sync_parts(self.path(), chunks.chain(counts).chain(dirs))
     }
 
     fn write_synced(&self, path: &Path, document: &Value) -> Result<(), DiskError> {
@@ -406,7 +366,7 @@ impl Appender {
         self.times = store.times();
         self.refuse_foreign_steps(&store)?;
         // Counts of fewer steps go only once the document with the present number is durable.
-        self.disk.sync_dir(&self.dir)?;
+        self.disk.sync_dir(self.path())?;
         let dirs = array_dirs(&store);
         for dir in dirs.iter().rev() {
             let document = read_json(&self.folder, &dir.join("zarr.json"))?;
@@ -424,10 +384,10 @@ impl Appender {
             }
             ours::remove_file(&self.disk, &temporary(&dir.join("zarr.json")))?;
         }
-        ours::remove_file(&self.disk, &temporary(&self.dir.join("zarr.json")))?;
+        ours::remove_file(&self.disk, &temporary(&self.path().join("zarr.json")))?;
         // An uncounted store's counts may be incomplete.
         let counted = store.info().times.unwrap_or(0);
-        Ok(Counts::of(&self.dir, store.layout()).keep_only(&self.disk, counted)?)
+        Ok(Counts::of(&store).keep_only(&self.disk, counted)?)
     }
 
     /// Refuses a store with steps appended by another program, which would be deleted.
@@ -438,7 +398,7 @@ impl Appender {
     }
 
     fn stopped(&self, failed: Failed) -> AppendError {
-        let (store, times) = (self.dir.clone(), self.times);
+        let (store, times) = (self.path().to_path_buf(), self.times);
         match failed {
             Failed::Append(error) => *error,
             Failed::Stop(Stop::Disk(DiskError { path, error })) => {
@@ -470,15 +430,9 @@ enum Failed {
     Stop(Stop),
 }
 
-impl From<AppendError> for Failed {
-    fn from(error: AppendError) -> Self {
-        Self::Append(Box::new(error))
-    }
-}
-
-impl From<OpenError> for Failed {
-    fn from(error: OpenError) -> Self {
-        AppendError::from(error).into()
+impl<E: Into<AppendError>> From<E> for Failed {
+    fn from(error: E) -> Self {
+        Self::Append(Box::new(error.into()))
     }
 }
 
@@ -488,15 +442,15 @@ impl From<DiskError> for Failed {
     }
 }
 
-impl From<(Stop, Reached)> for Failed {
-    fn from((stop, _): (Stop, Reached)) -> Self {
+impl From<Stopped> for Failed {
+    fn from((stop, _): Stopped) -> Self {
         Self::Stop(stop)
     }
 }
 
 /// Refuses a directory with an unfinished pack or replacement.
 fn refuse_unfinished(dir: &Path) -> Result<(), AppendError> {
-    for (path, replaces) in [(dir.to_path_buf(), false), (output::with_suffix(dir, ".packing"), true)] {
+    for (path, replaces) in [(dir.to_path_buf(), false), (with_suffix(dir, ".packing"), true)] {
         let journal = path.join(JOURNAL_NAME);
         match journal.try_exists() {
             Ok(false) => {}
@@ -528,7 +482,7 @@ fn check_counts(store: &Store, counts: &Counts, kept: &[ChannelTotals]) -> Resul
 
 /// Numbers of voxels over all channels: NaN or infinite, and no-data integers.
 fn left_out(channels: &[ChannelTotals]) -> (u64, u64) {
-    (channels.iter().map(ChannelTotals::non_finite).sum(), channels.iter().map(|channel| channel.nodata).sum())
+    (channels.iter().map(ChannelTotals::non_finite).sum(), channels.iter().map(ChannelTotals::nodata).sum())
 }
 
 fn too_many(store: &Store) -> AppendError {

@@ -68,13 +68,8 @@ pub(crate) fn decode(scratch: &mut Scratch, container: &[u8], out: &mut [u8]) ->
         return Ok(());
     }
     if header.flags >> 5 != ZSTD {
-        let name = match header.flags >> 5 {
-            0 => "blosclz",
-            1 => "lz4",
-            2 => "snappy",
-            3 => "zlib",
-            _ => "an unknown compressor",
-        };
+        let names = ["blosclz", "lz4", "snappy", "zlib"];
+        let name = names.get(usize::from(header.flags >> 5)).unwrap_or(&"an unknown compressor");
         return Err(CodecError::Unsupported(format!("blosc with {name} (only zstd)")));
     }
     let mut shuffled = std::mem::take(&mut scratch.bytes);
@@ -115,8 +110,13 @@ fn decode_blocks(
     shuffled: &mut Vec<u8>,
     out: &mut [u8],
 ) -> Result<(), CodecError> {
-    let byte_shuffled = header.flags & BYTE_SHUFFLE != 0 && header.typesize > 1;
-    let bit_shuffled = header.flags & BIT_SHUFFLE != 0 && header.block_bytes >= header.typesize;
+    let unshuffled: Option<fn(usize, &[u8], &mut [u8])> = if header.flags & BYTE_SHUFFLE != 0 && header.typesize > 1 {
+        Some(unshuffle)
+    } else if header.flags & BIT_SHUFFLE != 0 && header.block_bytes >= header.typesize {
+        Some(unshuffle_bits)
+    } else {
+        None
+    };
     for (i, block) in out.chunks_mut(header.block_bytes.max(1)).enumerate() {
         let start = read_u32(body, HEADER_BYTES + 4 * i).ok_or_else(|| malformed("block starts cut short"))?;
         // The last block, if shorter, is never split.
@@ -125,17 +125,13 @@ fn decode_blocks(
             && header.block_bytes / header.typesize >= MIN_STREAM_BYTES
             && block.len() == header.block_bytes;
         let streams = if split { header.typesize } else { 1 };
-        if byte_shuffled || bit_shuffled {
-            shuffled.resize(block.len(), 0);
-            decode_streams(scratch, body, start, streams, shuffled)?;
-            if byte_shuffled {
-                unshuffle(header.typesize, shuffled, block);
-            } else {
-                unshuffle_bits(header.typesize, shuffled, block);
-            }
-        } else {
+        let Some(unshuffled) = unshuffled else {
             decode_streams(scratch, body, start, streams, block)?;
-        }
+            continue;
+        };
+        shuffled.resize(block.len(), 0);
+        decode_streams(scratch, body, start, streams, shuffled)?;
+        unshuffled(header.typesize, shuffled, block);
     }
     Ok(())
 }

@@ -8,16 +8,17 @@ use crate::codec::BrickCodec;
 use crate::error::ReadError;
 use crate::folder::Folder;
 use crate::layout::{Layout, ShardId};
+use crate::mutex::lock;
 use crate::scratch::Scratch;
 use crate::shard::{BrickRange, Fingerprint, index_bytes};
 use crate::shard_file::{IoMode, ShardFile};
-use crate::side::{SideArray, read_fingerprints};
+use crate::side::SideArray;
 use brickyard_volume::{BrickId, Level, PageId, Paging};
 use lru::LruCache;
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 
 const MOST_OPEN: usize = 512;
 
@@ -73,7 +74,7 @@ impl Chunks {
     pub(crate) fn files_of_page(&self, level: Level, page: u64) -> Result<(u64, u64), ReadError> {
         let array = SideArray::fingerprints(self.folder.path(), &self.layout, level);
         // Past the grid a page holds zeros.
-        let files = read_fingerprints(&self.folder, &array, array.page_at(level, page))?;
+        let files = array.read_fingerprints(&self.folder, array.page_at(level, page))?;
         Ok(files.iter().filter(|f| f.has_file()).fold((0, 0), |(n, bytes), f| (n + 1, bytes + f.file_bytes)))
     }
 
@@ -171,7 +172,7 @@ impl Chunks {
             return Ok(kept[place]);
         }
         let array = SideArray::fingerprints(self.folder.path(), &self.layout, id.level);
-        let read: Arc<[Fingerprint]> = read_fingerprints(&self.folder, &array, page)?.into();
+        let read: Arc<[Fingerprint]> = array.read_fingerprints(&self.folder, page)?.into();
         lock(&self.fingerprints).put(page, read.clone());
         Ok(read[place])
     }
@@ -210,8 +211,4 @@ fn most_open(layout: &Layout, mode: IoMode) -> NonZeroUsize {
 
 fn at_least_one(n: usize) -> NonZeroUsize {
     NonZeroUsize::new(n).unwrap_or(NonZeroUsize::MIN)
-}
-
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

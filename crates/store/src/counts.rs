@@ -7,13 +7,13 @@
 
 use crate::data_file::read_at_most;
 use crate::error::ReadError;
-use crate::folder::Folder;
-use crate::layout::{COUNTS_NAME, Layout};
+use crate::layout::COUNTS_NAME;
+use crate::mutex::lock;
 use crate::pack::brick::Workspace;
 use crate::pack::cascade::shape;
 use crate::pack::disk::{Disk, DiskError};
 use crate::pack::ours;
-use crate::side_file::encode;
+use crate::side_file::{checked, encode};
 use crate::stats::{ChannelTotals, Measure, Range, Tally};
 use crate::store::{Store, bricks_of};
 use crate::value_counts::MOST_CLASSES;
@@ -21,7 +21,7 @@ use brickyard_volume::{BrickId, BrickIndex, Level, VoxelType};
 use rayon::prelude::*;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, PoisonError};
+use std::sync::Mutex;
 
 /// The first word of a file.
 const VERSION: u64 = 1;
@@ -41,8 +41,8 @@ pub(crate) struct Counts {
 }
 
 impl Counts {
-    pub(crate) fn of(store: &Path, layout: &Layout) -> Self {
-        Self { dir: layout.side_dir(store, Level(0)).join(COUNTS_NAME) }
+    pub(crate) fn of(store: &Store) -> Self {
+        Self { dir: store.layout().side_dir(store.path(), Level(0)).join(COUNTS_NAME) }
     }
 
     /// The folder with the counts of the first `times` steps.
@@ -75,14 +75,8 @@ impl Counts {
     }
 
     /// Reads the counts of the first `times` steps, if the store has any.
-    pub(crate) fn read(
-        &self,
-        folder: &Folder,
-        times: u32,
-        channels: u32,
-        voxel_type: VoxelType,
-    ) -> Result<Option<Vec<ChannelTotals>>, ReadError> {
-        let dir = self.dir(times);
+    pub(crate) fn read(&self, store: &Store, times: u32) -> Result<Option<Vec<ChannelTotals>>, ReadError> {
+        let (dir, folder) = (self.dir(times), store.folder());
         match folder.file(&dir) {
             Err(error) if error.kind() == ErrorKind::NotFound && !folder.is_replaced() => return Ok(None),
             Err(error) => return Err(folder.unreadable(&dir, error)),
@@ -93,9 +87,9 @@ impl Counts {
             let most = zstd::zstd_safe::compress_bound(MOST_WORDS * 8) as u64 + 4;
             let file = read_at_most(folder.file(&path), most).map_err(|error| folder.unreadable(&path, error))?;
             let corrupt = |what| ReadError::CorruptPage { path, what: format!("{what}; {}", self.cure()) };
-            decode(&file, voxel_type).map_err(corrupt)
+            decode(&file, store.voxel_type()).map_err(corrupt)
         };
-        (0..channels as usize).map(read).collect::<Result<_, _>>().map(Some)
+        (0..store.channels() as usize).map(read).collect::<Result<_, _>>().map(Some)
     }
 
     /// Deletes all counts except those of the first `times` steps.
@@ -120,12 +114,7 @@ impl Counts {
 
 /// Decodes a file's totals; fails with a description of the fault.
 fn decode(file: &[u8], voxel_type: VoxelType) -> Result<ChannelTotals, String> {
-    let (frame, crc) = file.split_last_chunk::<4>().ok_or("it is shorter than its checksum")?;
-    let (stored, computed) = (u32::from_le_bytes(*crc), crc32c::crc32c(frame));
-    if stored != computed {
-        return Err(format!("checksum: stored {stored:08x}, computed {computed:08x}"));
-    }
-    let bytes = zstd::bulk::decompress(frame, MOST_WORDS * 8).map_err(|error| error.to_string())?;
+    let bytes = zstd::bulk::decompress(checked(file)?, MOST_WORDS * 8).map_err(|error| error.to_string())?;
     let (words, rest) = bytes.as_chunks::<8>();
     let mut words = words.iter().map(|word| u64::from_le_bytes(*word));
     let version = words.next();
@@ -170,7 +159,7 @@ fn count_volume<T: Measure>(
     };
     let of_some = |workspace: &mut Workspace<T>, indices: &[BrickIndex]| {
         let found = indices.iter().map(|&index| of_brick(workspace, index)).collect::<Result<Vec<_>, ReadError>>()?;
-        workspace.counter.drain_into(&mut shared.lock().unwrap_or_else(PoisonError::into_inner));
+        workspace.counter.drain_into(&mut lock(&shared));
         Ok(found)
     };
     loop {
@@ -183,7 +172,7 @@ fn count_volume<T: Measure>(
             .map_init(|| Workspace::new(edge, nodata), of_some)
             .collect::<Result<_, ReadError>>()?;
         // In brick order, so rounding is independent of threads.
-        let mut totals = shared.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut totals = lock(&shared);
         for (range, tally) in found.iter().flatten() {
             totals.add_range(range.to_f64());
             totals.add_tally(tally);

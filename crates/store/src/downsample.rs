@@ -127,8 +127,7 @@ impl From<Reductions> for String {
 
 /// A voxel type's arithmetic for [`downsample`].
 pub(crate) trait Reduce: Voxel + Default {
-    type Sum: Copy;
-    const ZERO: Self::Sum;
+    type Sum: Copy + Default;
     fn add(sum: Self::Sum, value: Self) -> Self::Sum;
     fn join(a: Self::Sum, b: Self::Sum) -> Self::Sum;
     /// The mean of `2^log2_count` voxels, given their sum.
@@ -143,7 +142,6 @@ macro_rules! integer_reduce {
     ($($t:ty => $sum:ty),*) => {$(
         impl Reduce for $t {
             type Sum = $sum;
-            const ZERO: $sum = 0;
             #[inline(always)]
             fn add(sum: $sum, value: Self) -> $sum { sum + value as $sum }
             #[inline(always)]
@@ -170,7 +168,6 @@ integer_reduce!(u8 => u16, i8 => i16, u16 => u32, i16 => i32, u32 => u64, i32 =>
 impl Reduce for f32 {
     /// Sum and count of the finite voxels.
     type Sum = (f64, f32);
-    const ZERO: (f64, f32) = (0.0, 0.0);
     #[inline(always)]
     fn add((sum, count): (f64, f32), value: f32) -> (f64, f32) {
         let valid = value.is_finite();
@@ -199,15 +196,9 @@ impl Reduce for f32 {
 #[inline(always)]
 fn pick(a: f32, b: f32, a_wins: bool) -> f32 {
     match (a.is_finite(), b.is_finite()) {
-        (true, true) => {
-            if a_wins {
-                a
-            } else {
-                b
-            }
-        }
+        (true, true) if a_wins => a,
         (true, false) => a,
-        (false, true) => b,
+        (_, true) => b,
         (false, false) => f32::NAN,
     }
 }
@@ -215,36 +206,31 @@ fn pick(a: f32, b: f32, a_wins: bool) -> f32 {
 /// The most voxels in a row of a brick.
 pub(crate) const MAX_EDGE: usize = 256;
 
-/// Fills `out` (`shape / factor` voxels, packed, x fastest) from the first `shape` voxels of `core`, an `edge`^3 brick.
-/// Each element of `factor` is 1 or 2 and divides that of `shape`.
+/// A reduction of the first `shape` voxels of an `edge`^3 brick, by `factor` along each axis: 1 or 2, a divisor of the
+/// shape's.
+#[derive(Clone, Copy)]
+pub(crate) struct Reduction {
+    pub(crate) method: Downsample,
+    pub(crate) edge: usize,
+    pub(crate) shape: [usize; 3],
+    pub(crate) factor: [usize; 3],
+}
+
+/// Fills `out` (`shape / factor` voxels, packed, x fastest) from the brick `core`.
 #[inline(always)]
-pub(crate) fn downsample<T: Reduce>(
-    method: Downsample,
-    core: &[T],
-    edge: usize,
-    shape: [usize; 3],
-    factor: [usize; 3],
-    out: &mut [T],
-) {
-    if factor[0] == 2 {
-        by_rows::<T, 2>(method, core, edge, shape, factor, out);
+pub(crate) fn downsample<T: Reduce>(reduction: Reduction, core: &[T], out: &mut [T]) {
+    if reduction.factor[0] == 2 {
+        by_rows::<T, 2>(reduction, core, out);
     } else {
-        by_rows::<T, 1>(method, core, edge, shape, factor, out);
+        by_rows::<T, 1>(reduction, core, out);
     }
 }
 
 #[inline(always)]
-fn by_rows<T: Reduce, const FX: usize>(
-    method: Downsample,
-    core: &[T],
-    edge: usize,
-    shape: [usize; 3],
-    factor: [usize; 3],
-    out: &mut [T],
-) {
+fn by_rows<T: Reduce, const FX: usize>(reduction: Reduction, core: &[T], out: &mut [T]) {
+    let Reduction { method, edge, shape, factor } = reduction;
     debug_assert!(edge <= MAX_EDGE && (0..3).all(|a| shape[a].is_multiple_of(factor[a])));
-    let [nx, ny, nz] = shape;
-    let (fy, fz) = (factor[1], factor[2]);
+    let ([nx, ny, nz], [_, fy, fz]) = (shape, factor);
     let mut out_rows = out.chunks_exact_mut(nx / FX);
     for z in (0..nz).step_by(fz) {
         for y in (0..ny).step_by(fy) {
@@ -266,7 +252,7 @@ fn by_rows<T: Reduce, const FX: usize>(
 
 #[inline(always)]
 fn mean_row<'a, T: Reduce, const FX: usize>(row: impl Fn(usize) -> &'a [T], rows: usize, out: &mut [T]) {
-    let mut sums = [T::ZERO; MAX_EDGE];
+    let mut sums = [T::Sum::default(); MAX_EDGE];
     let sums = &mut sums[..out.len() * FX];
     for i in 0..rows {
         for (sum, &value) in sums.iter_mut().zip(row(i)) {
@@ -345,7 +331,7 @@ mod tests {
 
     fn run<T: Reduce>(method: Downsample, core: &[T], shape: [usize; 3], factor: [usize; 3]) -> Vec<T> {
         let mut out = vec![T::default(); (0..3).map(|a| shape[a] / factor[a]).product()];
-        downsample(method, core, 4, shape, factor, &mut out);
+        downsample(Reduction { method, edge: 4, shape, factor }, core, &mut out);
         out
     }
 

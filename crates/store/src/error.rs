@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 /// A write inside a store by an outsider.
 #[derive(Debug, thiserror::Error)]
-#[error("{path}: lies inside the store {store}, which is left alone; choose a place outside of it", path = path.display(), store = store.display())]
+#[error("{path}: lies inside the store {store}, which is left alone; choose a place outside of it")]
 pub struct InsideStore {
     /// The refused output path.
     pub path: PathBuf,
@@ -18,16 +18,13 @@ pub struct InsideStore {
 #[derive(Debug, thiserror::Error)]
 pub enum OpenError {
     /// Nothing at the path resembles a store.
-    #[error(
-        "{path}: not a brick store (no zarr.json in it); 'brickyard pack INPUT STORE' makes one",
-        path = path.display()
-    )]
+    #[error("{path}: not a brick store (no zarr.json in it); 'brickyard pack INPUT STORE' makes one")]
     NotAStore {
         /// The path to open.
         path: PathBuf,
     },
     /// The path is, or would be, part of a store.
-    #[error("{path}: {what} of {store}: pass {store}", path = path.display(), store = store.display())]
+    #[error("{path}: {what} of {store}: pass {store}")]
     Inside {
         /// The path to open.
         path: PathBuf,
@@ -39,8 +36,7 @@ pub enum OpenError {
     /// An interrupted or running pack: a journal without a completion marker.
     #[error(
         "{path}: incomplete store, {percent} % packed; pack it again from its source with `resume` to finish it, or with `overwrite` \
-         to start over",
-        path = path.display()
+         to start over"
     )]
     Incomplete {
         /// The store.
@@ -49,7 +45,7 @@ pub enum OpenError {
         percent: u8,
     },
     /// A sound store with an unsupported feature.
-    #[error("{path}: {feature} is not supported; {advice}", path = path.display())]
+    #[error("{path}: {feature} is not supported; {advice}")]
     Unsupported {
         /// The file or directory with the feature.
         path: PathBuf,
@@ -62,7 +58,7 @@ pub enum OpenError {
     #[error(
         "{store}: has store format {version}, and this program reads format {now}; pack it anew from its source \
          ({source_name}), with `overwrite`",
-        store = store.display(), now = crate::version::FORMAT_VERSION
+        now = crate::version::FORMAT_VERSION
     )]
     OldFormat {
         /// The store.
@@ -75,7 +71,7 @@ pub enum OpenError {
     /// No pyramid of the store uses the requested method.
     #[error(
         "{path}: no level is made by {asked}, only by {found}; pack it anew with `downsample` {main},{asked}",
-        path = path.display(), asked = asked.name(), main = found.main().name()
+        asked = asked.name(), main = found.main().name()
     )]
     NoReduction {
         /// The store.
@@ -86,7 +82,7 @@ pub enum OpenError {
         found: Reductions,
     },
     /// A metadata field contradicts the format or another field.
-    #[error("{path}: {field}: expected {expected}, found {found}", path = path.display())]
+    #[error("{path}: {field}: expected {expected}, found {found}")]
     Invalid {
         /// The metadata file.
         path: PathBuf,
@@ -98,13 +94,13 @@ pub enum OpenError {
         found: String,
     },
     /// The open store was deleted, or another store took its path.
-    #[error("{store}: was replaced, moved or deleted while it was open; open it again", store = store.display())]
+    #[error("{store}: was replaced, moved or deleted while it was open; open it again")]
     Replaced {
         /// The path given on opening.
         store: PathBuf,
     },
     /// A file of the store could not be opened or read.
-    #[error("{path}: {error}", path = path.display())]
+    #[error("{path}: {error}")]
     Io {
         /// The file.
         path: PathBuf,
@@ -134,7 +130,7 @@ impl OpenError {
 #[derive(Debug, thiserror::Error)]
 pub enum ReadError {
     /// A shard file of the packed store is missing.
-    #[error("{path}: missing shard; restore the file, or pack the store again", path = path.display())]
+    #[error("{path}: missing shard; restore the file, or pack the store again")]
     MissingShard {
         /// The path of the missing shard.
         path: PathBuf,
@@ -142,8 +138,7 @@ pub enum ReadError {
     /// The shard file differs from the packed one.
     #[error(
         "{path}: {what}: expected {expected}, found {found} (rewritten or truncated by another program); restore the \
-         file, or pack the store again",
-        path = path.display()
+         file, or pack the store again"
     )]
     Rewritten {
         /// The shard's file.
@@ -156,7 +151,7 @@ pub enum ReadError {
         found: u64,
     },
     /// A damaged shard index; none of its bricks can be located.
-    #[error("{path}: damaged shard index: {error}", path = path.display())]
+    #[error("{path}: damaged shard index: {error}")]
     CorruptIndex {
         /// The shard's file.
         path: PathBuf,
@@ -165,7 +160,7 @@ pub enum ReadError {
         error: ShardError,
     },
     /// A single damaged brick.
-    #[error("{path}: {id}: {error}", path = path.display())]
+    #[error("{path}: {id}: {error}")]
     CorruptBrick {
         /// The shard's file.
         path: PathBuf,
@@ -176,7 +171,7 @@ pub enum ReadError {
         error: CodecError,
     },
     /// A damaged page of side data, with lost records of bricks or shards.
-    #[error("{path}: damaged side data: {what}", path = path.display())]
+    #[error("{path}: damaged side data: {what}")]
     CorruptPage {
         /// The page's file.
         path: PathBuf,
@@ -184,13 +179,13 @@ pub enum ReadError {
         what: String,
     },
     /// The open store was deleted, or another store took its path.
-    #[error("{store}: was replaced, moved or deleted while it was open; open it again", store = store.display())]
+    #[error("{store}: was replaced, moved or deleted while it was open; open it again")]
     Replaced {
         /// The path given on opening.
         store: PathBuf,
     },
     /// A file of the store could not be opened or read.
-    #[error("{path}: {error}", path = path.display())]
+    #[error("{path}: {error}")]
     Io {
         /// The file.
         path: PathBuf,
@@ -291,7 +286,7 @@ pub enum CodecError {
 #[derive(Debug, thiserror::Error)]
 pub enum ExportError {
     /// The output exists, and must not be replaced.
-    #[error("{path}: exists already; choose another name or pass `overwrite`", path = path.display())]
+    #[error("{path}: exists already; choose another name or pass `overwrite`")]
     Exists {
         /// The output's path.
         path: PathBuf,
@@ -300,7 +295,7 @@ pub enum ExportError {
     #[error(transparent)]
     Inside(#[from] InsideStore),
     /// The output's extension belongs to no supported format.
-    #[error("{path}: cannot export to this extension; choose a name ending in .raw or .npy", path = path.display())]
+    #[error("{path}: cannot export to this extension; choose a name ending in .raw or .npy")]
     Extension {
         /// The output's path.
         path: PathBuf,
@@ -316,7 +311,7 @@ pub enum ExportError {
         expected: String,
     },
     /// The progress callback cancelled the export.
-    #[error("{path}: cancelled; nothing was written there", path = path.display())]
+    #[error("{path}: cancelled; nothing was written there")]
     Cancelled {
         /// The output's path.
         path: PathBuf,
@@ -339,7 +334,7 @@ pub enum ExportError {
     #[error(transparent)]
     Read(#[from] ReadError),
     /// The operating system could not write the output.
-    #[error("{path}: {error}", path = path.display())]
+    #[error("{path}: {error}")]
     Io {
         /// The output's path.
         path: PathBuf,

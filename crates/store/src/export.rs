@@ -7,6 +7,7 @@
 
 use crate::error::ExportError;
 use crate::inside::check_outside;
+use crate::pack::pool;
 use crate::store::Store;
 use brickyard_import::without_path;
 use brickyard_volume::{Extent, Level, VoxelBox, VoxelType};
@@ -121,10 +122,7 @@ pub fn export(
 fn checked_region(store: &Store, request: &ExportRequest) -> Result<VoxelBox, ExportError> {
     let below = |what, found: u32, count: u32| match found < count {
         true => Ok(()),
-        false => {
-            let expected = format!("0 to {}", count - 1);
-            Err(ExportError::Outside { what, found: found.to_string(), expected })
-        }
+        false => Err(ExportError::Outside { what, found: found.to_string(), expected: format!("0 to {}", count - 1) }),
     };
     below("level", request.level.0.into(), store.pyramid().levels().len() as u32)?;
     let last = request.time.steps().next_back().ok_or_else(|| {
@@ -188,8 +186,7 @@ fn write_voxels(
             ControlFlow::Break(()) => Err(ExportError::Cancelled { path: output.into() }),
         }
     };
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
-    let pool = pool.map_err(|error| ExportError::Threads(error.to_string()))?;
+    let pool = pool(threads).map_err(ExportError::Threads)?;
     pool.install(|| parts.par_bridge().try_for_each_init(Vec::new, write))
 }
 
@@ -226,15 +223,9 @@ fn cuts(from: u32, to: u32, edge: u32) -> impl Iterator<Item = (u32, u32)> {
 
 /// A version 1.0 `.npy` header: a Python dictionary, padded so the data start at a multiple of 64.
 fn npy_header(voxel_type: VoxelType, extent: Extent, time: ExportTime) -> Vec<u8> {
-    let descr = match voxel_type {
-        VoxelType::U8 => "|u1",
-        VoxelType::I8 => "|i1",
-        VoxelType::U16 => "<u2",
-        VoxelType::I16 => "<i2",
-        VoxelType::U32 => "<u4",
-        VoxelType::I32 => "<i4",
-        VoxelType::F32 => "<f4",
-    };
+    // Byte order, then the initial of "uint", "int" or "float", then bytes: such as "|u1" and "<f4".
+    let order = if voxel_type.bytes() == 1 { '|' } else { '<' };
+    let descr = format!("{order}{:.1}{}", voxel_type.zarr_name(), voxel_type.bytes());
     let Extent { x, y, z } = extent;
     let steps = match time {
         ExportTime::Step(_) => String::new(),

@@ -54,9 +54,14 @@ impl Folder {
     /// Reads a metadata document of at most 64 MiB.
     pub(crate) fn document(&self, path: &Path) -> Result<Vec<u8>, OpenError> {
         read_at_most(self.file(path), MOST_DOCUMENT_BYTES).map_err(|error| match self.is_lost(&error) {
-            true => OpenError::Replaced { store: self.path.clone() },
+            true => self.replaced(),
             false => OpenError::Io { path: path.into(), error },
         })
+    }
+
+    /// The error for a store gone from its path.
+    pub(crate) fn replaced(&self) -> OpenError {
+        OpenError::Replaced { store: self.path.clone() }
     }
 
     /// The error for a file that failed to open or read.

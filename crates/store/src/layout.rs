@@ -239,6 +239,11 @@ impl Layout {
         })
     }
 
+    /// All levels, finest first.
+    pub(crate) fn levels(&self) -> impl DoubleEndedIterator<Item = Level> + use<> {
+        (0..self.pyramid.levels().len()).map(|k| Level(k as u8))
+    }
+
     /// All shards of a level, row-major in (t, c, z, y, x).
     pub fn shards(&self, level: Level) -> impl Iterator<Item = ShardId> {
         (0..self.level_shards(level)).map(move |i| self.shard_at(level, i))
@@ -257,7 +262,7 @@ impl Layout {
 
     /// Number of shards of all levels, time steps and channels.
     pub fn shard_count(&self) -> u64 {
-        (0..self.pyramid.levels().len()).map(|k| self.level_shards(Level(k as u8))).sum()
+        self.levels().map(|level| self.level_shards(level)).sum()
     }
 
     /// Path of a level's folder, or of its apron folder, relative to the store.
@@ -359,7 +364,7 @@ mod tests {
             let all_steps: Vec<u32> = (0..groups).flat_map(|group| l.steps_of(group)).collect();
             assert_eq!(all_steps, [0, 1, 2, 3, 4]);
             let mut seen = HashSet::new();
-            for level in (0..l.pyramid.levels().len()).map(|k| Level(k as u8)) {
+            for level in l.levels() {
                 assert_eq!(l.level_shards(level), groups as u64 * 2 * l.shard_grid(level).volume());
                 for shard in l.shards(level) {
                     for slot in 0..l.shard_slots(level) {

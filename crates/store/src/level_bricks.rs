@@ -4,7 +4,7 @@
 use crate::downsample::Downsample;
 use crate::metadata::ChannelStatistics;
 use crate::pack::brick::Workspace;
-use crate::pack::cascade::{coarse_box, no_data, shape};
+use crate::pack::cascade::{coarse_box, no_data, ratio, shape};
 use crate::stats::{ChannelTotals, Measure};
 use crate::store::bricks_of;
 use brickyard_volume::{BrickIndex, Extent, Level, LevelGrid, Pyramid, VoxelBox, VoxelType, with_voxel_type};
@@ -60,21 +60,19 @@ impl LevelBricks {
     /// # Panics
     /// If there is no such brick.
     pub fn core(&self, level: Level, index: BrickIndex) -> &[u8] {
-        let bytes = self.core_bytes();
-        &self.levels[level.index()].cores[self.start(level, index)..][..bytes]
+        &self.levels[level.index()].cores[self.place(level, index)]
     }
 
     fn core_mut(&mut self, level: Level, index: BrickIndex) -> &mut [u8] {
-        let (bytes, start) = (self.core_bytes(), self.start(level, index));
-        &mut self.levels[level.index()].cores[start..][..bytes]
+        let place = self.place(level, index);
+        &mut self.levels[level.index()].cores[place]
     }
 
-    fn core_bytes(&self) -> usize {
-        (self.edge as usize).pow(3) * self.voxel_bytes
-    }
-
-    fn start(&self, level: Level, index: BrickIndex) -> usize {
-        self.levels[level.index()].grid.linear(index.to_array()) as usize * self.core_bytes()
+    /// The bytes of a core among its level's.
+    fn place(&self, level: Level, index: BrickIndex) -> std::ops::Range<usize> {
+        let core_bytes = (self.edge as usize).pow(3) * self.voxel_bytes;
+        let start = self.levels[level.index()].grid.linear(index.to_array()) as usize * core_bytes;
+        start..start + core_bytes
     }
 
     /// Copies the voxels of level 0 into its bricks.
@@ -118,7 +116,7 @@ impl LevelBricks {
                     totals.add_tally(&summary.tally);
                 }
                 let Some(coarser) = pyramid.levels().get(k + 1) else { continue };
-                let factor = std::array::from_fn(|axis| (coarser.factor[axis] / grid.factor[axis]) as usize);
+                let factor = ratio(grid, coarser);
                 workspace.reduce(0, shape(core), factor, method);
                 let region = coarse_box(core, factor);
                 let row_voxels = region.extent().x as usize;

@@ -21,6 +21,7 @@ mod kind;
 pub mod layout;
 mod level_bricks;
 pub mod metadata;
+mod mutex;
 mod nodata;
 pub mod pack;
 mod scratch;

@@ -1,26 +1,29 @@
-//! The `zarr.json` documents: written by pack, checked field by field on open.
+//! The `zarr.json` documents: written by pack (`metadata/documents.rs`), checked field by field on open
+//! (`metadata/parse.rs`); and the settings and statistics in them.
 //!
 //! In the root group, `attributes.ome` follows OME-Zarr 0.5 and is authoritative for placement; `attributes.brickyard`
 //! is [`StoreInfo`]: settings and statistics. Settings determine every array document, so opening compares with
 //! generated ones. Unknown keys are ignored; other tools may add theirs.
 
+mod documents;
+mod parse;
+
 use crate::codec::Codec;
-use crate::downsample::{Downsample, Reductions};
+use crate::downsample::Reductions;
 use crate::error::OpenError;
-use crate::json::not_json;
 pub use crate::kind::Kind;
-use crate::layout::{Layout, check_edges, check_shard_bricks, check_size};
-use crate::time;
+use crate::layout::check_edges;
 pub use crate::version::FORMAT_VERSION;
-use brickyard_volume::channel;
 use brickyard_volume::{
-    Apron, ChannelLook, Extent, Foreground, Geometry, LabelColor, Level, MAX_APRON, OccupancyBins, Orientation,
-    Placement, Pyramid, TimeAxis, VoxelType,
+    Apron, ChannelLook, Foreground, MAX_APRON, OccupancyBins, Orientation, TimeAxis, VoxelType, channel,
 };
-use glam::DVec3;
+pub(crate) use documents::{array_document, bytes_codec, sharding_codecs, voxel_documents};
+pub use documents::{document_bytes, level_document, root_document};
+pub(crate) use parse::{
+    OTHERS_STORE, check_array, parse_displays, parse_geometry, parse_info, parse_label_colors, parse_layout,
+    parse_placement,
+};
 use serde::{Deserialize, Serialize};
-use serde_json::{Value, json};
-use std::collections::BTreeMap;
 use std::path::Path;
 
 /// Number of bins of a [`Histogram`].
@@ -94,7 +97,7 @@ pub struct ChannelStatistics {
     /// Number of voxels at negative infinity.
     pub neg_inf: u64,
     /// Number of voxels with the no-data value.
-    #[serde(default, skip_serializing_if = "is_none_of")]
+    #[serde(default, skip_serializing_if = "is_default")]
     pub nodata: u64,
     /// Mean of the valid voxels; 0 if there are none.
     pub mean: f64,
@@ -205,7 +208,7 @@ pub struct StoreInfo {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub blanked: Option<f64>,
     /// Width of the stored aprons in voxels; 0 if none are stored.
-    #[serde(default, skip_serializing_if = "is_zero")]
+    #[serde(default, skip_serializing_if = "is_default")]
     pub aprons: u32,
     /// Voxel spacing `[x, y, z]` behind the levels' factors. Positions in the world are in `attributes.ome`.
     pub spacing: [f64; 3],
@@ -240,12 +243,8 @@ fn is_one(n: &u32) -> bool {
     *n == 1
 }
 
-fn is_zero(n: &u32) -> bool {
-    *n == 0
-}
-
-fn is_none_of(count: &u64) -> bool {
-    *count == 0
+fn is_default<T: Default + PartialEq>(value: &T) -> bool {
+    *value == T::default()
 }
 
 impl StoreInfo {
@@ -296,391 +295,4 @@ impl StoreInfo {
         }
         Ok(())
     }
-}
-
-/// Builds the root group's document from the main pyramid's layout.
-///
-/// `attributes.brickyard.checksum` covers the rest of the document. Only `verify` compares it, against a regenerated
-/// document; opening does not, since other tools may edit.
-///
-/// A second pyramid's multiscale is in `attributes.brickyard`, since some readers of `attributes.ome` do not stop at
-/// the first one.
-pub fn root_document(layout: &Layout, geometry: &Geometry, info: &StoreInfo) -> Value {
-    let multiscale = |layout: &Layout, method: Downsample| {
-        json!([{
-            "axes": axes(layout, geometry, time::unit(info.time.as_ref())),
-            "datasets": datasets(layout, geometry, time::step_and_start(info.time.as_ref())),
-            "type": method.name(),
-        }])
-    };
-    let mut ome = json!({ "version": "0.5", "multiscales": multiscale(layout, info.downsample.main()) });
-    if info.kind == Kind::Image {
-        ome["omero"] = omero(info);
-    }
-    let mut ours = json!(info);
-    if let Some(second) = info.downsample.second() {
-        ours["multiscales"] = multiscale(&layout.of_second(second), second);
-    }
-    let mut document =
-        json!({ "zarr_format": 3, "node_type": "group", "attributes": { "ome": ome, "brickyard": ours } });
-    let checksum = xxhash_rust::xxh3::xxh3_64(document.to_string().as_bytes());
-    document["attributes"]["brickyard"]["checksum"] = json!(format!("{checksum:016x}"));
-    document
-}
-
-fn axes(layout: &Layout, geometry: &Geometry, time_unit: Option<&str>) -> Value {
-    let axis = |name: &str| match name {
-        "t" => match time_unit {
-            Some(unit) => json!({ "name": name, "type": "time", "unit": unit }),
-            None => json!({ "name": name, "type": "time" }),
-        },
-        "c" => json!({ "name": name, "type": "channel" }),
-        _ => match &geometry.unit {
-            Some(unit) => json!({ "name": name, "type": "space", "unit": unit }),
-            None => json!({ "name": name, "type": "space" }),
-        },
-    };
-    layout.axes().into_iter().map(axis).collect()
-}
-
-fn datasets(layout: &Layout, geometry: &Geometry, (step, start): (f64, f64)) -> Value {
-    let dataset = |(k, level): (usize, &brickyard_volume::LevelGrid)| {
-        let (scale, translation) = geometry.level_placement(level.factor);
-        json!({
-            "path": layout.level_path(Level(k as u8)),
-            "coordinateTransformations": [
-                { "type": "scale", "scale": layout.per_axis(step, 1.0, scale.to_array()) },
-                { "type": "translation", "translation": layout.per_axis(start, 0.0, translation.to_array()) },
-            ],
-        })
-    };
-    layout.pyramid.levels().iter().enumerate().map(dataset).collect()
-}
-
-/// Display hints: names, contrast windows and colours.
-fn omero(info: &StoreInfo) -> Value {
-    let channel = |(c, display): (&ChannelStatistics, ChannelDisplay)| {
-        let window = json!({ "min": c.range[0], "max": c.range[1], "start": c.window[0], "end": c.window[1] });
-        let color = channel::hex(display.color);
-        let mut channel = json!({ "color": color, "window": window, "active": display.is_visible });
-        if let Some(name) = display.name {
-            channel["label"] = json!(name);
-        }
-        channel
-    };
-    let displays = ChannelDisplay::of_channels(&info.channels);
-    json!({ "channels": info.channels.iter().zip(displays).map(channel).collect::<Value>() })
-}
-
-/// The `zarr.json` document of a level's array.
-pub fn level_document(layout: &Layout, level: Level, info: &StoreInfo) -> Value {
-    let extent = layout.pyramid.level(level).extent.to_array();
-    let shape = layout.per_axis(layout.times, layout.channels, extent);
-    let shard = layout.per_axis(layout.shard_times, 1, layout.shard_bricks(level).to_array().map(|n| n * info.edge));
-    let mut document = sharded_document(&shape, &shard, &layout.per_axis(1, 1, [info.edge; 3]), info);
-    document["dimension_names"] = json!(layout.axes());
-    if let Some(nodata) = info.nodata {
-        // CF's name, used by xarray; Zarr's own fill value stands for absent bricks.
-        document["attributes"]["_FillValue"] = json!(nodata);
-    }
-    document
-}
-
-/// The document of a level's apron array: one row of voxels per brick.
-pub(crate) fn apron_document(layout: &Layout, level: Level, apron: Apron, info: &StoreInfo) -> Value {
-    let with_voxels = |per_axis: Vec<u32>| [per_axis, vec![apron.voxels() as u32]].concat();
-    let bricks = layout.pyramid.level(level).bricks.to_array();
-    let shape = with_voxels(layout.per_axis(layout.times, layout.channels, bricks));
-    let shard = with_voxels(layout.per_axis(layout.shard_times, 1, layout.shard_bricks(level).to_array()));
-    sharded_document(&shape, &shard, &with_voxels(layout.per_axis(1, 1, [1; 3])), info)
-}
-
-fn sharded_document(shape: &[u32], shard: &[u32], chunk: &[u32], info: &StoreInfo) -> Value {
-    let codecs = sharding_codecs(chunk, brick_codecs(info.codec, info.voxel_type));
-    let mut document = array_document(shape, shard, info.voxel_type.zarr_name(), codecs);
-    document["fill_value"] = if info.voxel_type.is_float() { json!(0.0) } else { json!(0) };
-    document
-}
-
-/// The codecs of a sharded array with these chunks.
-pub(crate) fn sharding_codecs(chunk: &[u32], codecs: Value) -> Value {
-    let index_codecs = json!([{ "name": "bytes", "configuration": { "endian": "little" } }, { "name": "crc32c" }]);
-    let sharding = json!({
-        "chunk_shape": chunk,
-        "codecs": codecs,
-        "index_codecs": index_codecs,
-        "index_location": "end",
-    });
-    json!([{ "name": "sharding_indexed", "configuration": sharding }])
-}
-
-/// An array document with a regular grid and fill value 0.
-pub(crate) fn array_document<T: Serialize>(shape: &[T], chunk_shape: &[T], data_type: &str, codecs: Value) -> Value {
-    json!({
-        "zarr_format": 3,
-        "node_type": "array",
-        "shape": shape,
-        "data_type": data_type,
-        "chunk_grid": { "name": "regular", "configuration": { "chunk_shape": chunk_shape } },
-        "chunk_key_encoding": { "name": "default", "configuration": { "separator": "/" } },
-        "fill_value": 0,
-        "codecs": codecs,
-        "attributes": {},
-    })
-}
-
-/// The Zarr `bytes` codec for elements of `element_bytes` bytes.
-pub(crate) fn bytes_codec(element_bytes: usize) -> Value {
-    match element_bytes {
-        1 => json!({ "name": "bytes" }),
-        _ => json!({ "name": "bytes", "configuration": { "endian": "little" } }),
-    }
-}
-
-fn brick_codecs(codec: Codec, voxel_type: VoxelType) -> Value {
-    let bytes = bytes_codec(voxel_type.bytes());
-    let crc = json!({ "name": "crc32c" });
-    match codec.for_voxel_type(voxel_type) {
-        Codec::Zstd(level) => {
-            json!([bytes, { "name": "zstd", "configuration": { "level": level, "checksum": false } }, crc])
-        }
-        Codec::ShuffleZstd(level) => {
-            // Blosc's own scale from 0 to 9; it maps n to Zstandard's level 2 n - 1.
-            let blosc = json!({
-                "cname": "zstd", "clevel": (level + 1).div_euclid(2).min(9), "shuffle": "shuffle",
-                "typesize": voxel_type.bytes(), "blocksize": 0,
-            });
-            json!([bytes, { "name": "blosc", "configuration": blosc }, crc])
-        }
-        Codec::None => json!([bytes, crc]),
-    }
-}
-
-/// The file content of a document.
-pub fn document_bytes(document: &Value) -> Vec<u8> {
-    let mut text = format!("{document:#}");
-    text.push('\n');
-    text.into_bytes()
-}
-
-/// Allowed number of time steps in a store's arrays.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Steps {
-    /// The layout's number.
-    Exactly,
-    /// At least the layout's number: an interrupted append may have added steps.
-    AtLeast,
-}
-
-impl Steps {
-    pub(crate) fn of(info: &StoreInfo) -> Self {
-        if info.times.is_some() { Self::AtLeast } else { Self::Exactly }
-    }
-
-    /// Whether shape `found` may replace `expected`; the first axis is time.
-    fn allow(self, expected: &Value, found: &Value) -> bool {
-        let (Self::AtLeast, Some(expected), Some(found)) = (self, expected.as_array(), found.as_array()) else {
-            return false;
-        };
-        let times = |shape: &[Value]| shape.first().and_then(Value::as_u64);
-        expected[1..] == found[found.len().min(1)..] && times(expected) <= times(found)
-    }
-}
-
-/// Compares an array document with the expected one; an error names the first differing field.
-pub(crate) fn check_array(path: &Path, expected: &Value, found: &Value, steps: Steps) -> Result<(), OpenError> {
-    const FIELDS: [&str; 8] =
-        ["zarr_format", "node_type", "shape", "data_type", "chunk_grid", "chunk_key_encoding", "fill_value", "codecs"];
-    for field in FIELDS {
-        let (want, have) = (&expected[field], &found[field]);
-        // 0 and 0.0 are the same fill value.
-        let same = want == have || (want.as_f64().is_some() && want.as_f64() == have.as_f64());
-        if !(same || field == "shape" && steps.allow(want, have)) {
-            let or_more = if field == "shape" && steps == Steps::AtLeast { ", or a greater first number" } else { "" };
-            return Err(OpenError::invalid(path, field, format!("{want}{or_more}"), have));
-        }
-    }
-    Ok(())
-}
-
-/// The remedy for a store written by another program.
-pub(crate) const OTHERS_STORE: &str =
-    "export it to .npy, .raw, NIfTI or TIFF with the program that wrote it, and pack that";
-
-/// Reads settings and statistics from the root document.
-pub(crate) fn parse_info(path: &Path, root: &Value) -> Result<StoreInfo, OpenError> {
-    let attributes = &root["attributes"];
-    let ours = &attributes["brickyard"];
-    if ours.is_null() {
-        let feature = "a Zarr without brickyard's side data".into();
-        return Err(OpenError::Unsupported { path: path.into(), feature, advice: OTHERS_STORE });
-    }
-    match ours["version"].as_u64() {
-        Some(version) if version == u64::from(FORMAT_VERSION) => {}
-        Some(version) if version < u64::from(FORMAT_VERSION) => {
-            let store = path.parent().unwrap_or(path).to_path_buf();
-            let source = ours["source"].as_str().unwrap_or("its source").to_owned();
-            return Err(OpenError::OldFormat { store, version, source_name: source });
-        }
-        _ => {
-            let feature = format!("store format version {} (this program reads {FORMAT_VERSION})", ours["version"]);
-            let advice = "open it with a later version of brickyard";
-            return Err(OpenError::Unsupported { path: path.into(), feature, advice });
-        }
-    }
-    serde_json::from_value(ours.clone())
-        .map_err(|error| OpenError::invalid(path, "attributes.brickyard", "the settings of a store", not_json(&error)))
-}
-
-/// Derives the layout from level 0's shape and the settings, and checks both.
-pub(crate) fn parse_layout(
-    root_path: &Path,
-    root: &Value,
-    level_path: &Path,
-    level_0: &Value,
-    info: &StoreInfo,
-) -> Result<Layout, OpenError> {
-    let names: Vec<&str> = match root["attributes"]["ome"]["multiscales"][0]["axes"].as_array() {
-        Some(axes) => axes.iter().filter_map(|a| a["name"].as_str()).collect(),
-        None => Vec::new(),
-    };
-    if !matches!(names[..], ["z", "y", "x"] | ["c", "z", "y", "x"] | ["t", "z", "y", "x"] | ["t", "c", "z", "y", "x"]) {
-        let field = "attributes.ome.multiscales[0].axes";
-        return Err(OpenError::invalid(root_path, field, "names [t,] [c,] z, y, x", format!("{names:?}")));
-    }
-    let shape: Option<Vec<u32>> = serde_json::from_value(level_0["shape"].clone()).ok();
-    let Some(shape) = shape.filter(|s| s.len() == names.len() && s.iter().all(|&n| n > 0)) else {
-        let expected = format!("{} positive integers below 2^32", names.len());
-        return Err(OpenError::invalid(level_path, "shape", expected, &level_0["shape"]));
-    };
-    let size = |name: &str| names.iter().position(|n| *n == name).map_or(1, |i| shape[i]);
-    let times = committed_times(root_path, info, &names, level_path, size("t"))?;
-    let channels = size("c");
-    let extent = Extent::new(size("x"), size("y"), size("z"));
-    if let Err((field, expected)) = check_size(extent, times, channels) {
-        return Err(OpenError::invalid(level_path, field, expected, &level_0["shape"]));
-    }
-    info.check(root_path, channels)?;
-    let pyramid = Pyramid::new(extent, info.spacing, info.edge);
-    let layout = Layout::new(pyramid, times, channels, info.shard).with_shard_times(info.shard_times);
-    let unfit = |field: &str, expected| {
-        let found = if field == "shard" { info.shard } else { info.shard_times };
-        OpenError::invalid(root_path, format!("attributes.brickyard.{field}"), expected, found)
-    };
-    if layout.shard_times != info.shard_times {
-        return Err(unfit("shard_times", format!("1 to {times}, the number of time steps")));
-    }
-    check_shard_bricks(&layout).map_err(|(field, expected)| unfit(field, expected))?;
-    Ok(if names[0] == "t" { layout.with_time() } else { layout })
-}
-
-/// The root document's number of time steps, if given, otherwise level 0's.
-fn committed_times(
-    root_path: &Path,
-    info: &StoreInfo,
-    axes: &[&str],
-    level_path: &Path,
-    times_of_level: u32,
-) -> Result<u32, OpenError> {
-    let Some(times) = info.times else { return Ok(times_of_level) };
-    if axes[0] != "t" || times == 0 {
-        let expected = if times == 0 { "at least 1" } else { "none without an axis t" };
-        return Err(OpenError::invalid(root_path, "attributes.brickyard.times", expected, times));
-    }
-    if times_of_level < times {
-        let expected = format!("at least {times} time steps, by attributes.brickyard.times of the root document");
-        return Err(OpenError::invalid(level_path, "shape", expected, times_of_level));
-    }
-    Ok(times)
-}
-
-/// Reads the placement from the pyramid's multiscale, and checks every level's against level 0's.
-pub(crate) fn parse_geometry(path: &Path, root: &Value, layout: &Layout) -> Result<Geometry, OpenError> {
-    let owner = if layout.second().is_some() { "brickyard" } else { "ome" };
-    let multiscale = &root["attributes"][owner]["multiscales"][0];
-    let field = |k: usize, what: &str| format!("attributes.{owner}.multiscales[0].datasets[{k}]{what}");
-    let datasets = multiscale["datasets"].as_array().map_or(&[][..], |d| d);
-    let levels = layout.pyramid.levels();
-    if datasets.len() != levels.len() {
-        let field = format!("attributes.{owner}.multiscales[0].datasets");
-        return Err(OpenError::invalid(path, field, format!("{} levels", levels.len()), datasets.len()));
-    }
-    let mut placements = Vec::new();
-    for (k, dataset) in datasets.iter().enumerate() {
-        let expected = layout.level_path(Level(k as u8));
-        if dataset["path"] != json!(expected) {
-            return Err(OpenError::invalid(path, field(k, ".path"), expected, &dataset["path"]));
-        }
-        let axes = layout.axes().len();
-        let transforms = &dataset["coordinateTransformations"];
-        let scale = spatial(transforms, "scale", axes).filter(|s| s.min_element() > 0.0);
-        let Some((scale, translation)) = scale.zip(spatial(transforms, "translation", axes)) else {
-            let expected = format!("a positive scale and a translation of {axes} numbers");
-            return Err(OpenError::invalid(path, field(k, ".coordinateTransformations"), expected, transforms));
-        };
-        placements.push((scale, translation));
-    }
-    let axis = multiscale["axes"].as_array().and_then(|a| a.last());
-    let unit = axis.and_then(|x| x["unit"].as_str()).map(str::to_owned);
-    let geometry = Geometry { spacing: placements[0].0, origin: placements[0].1, unit };
-    for (k, (level, found)) in levels.iter().zip(&placements).enumerate() {
-        let expected = geometry.level_placement(level.factor);
-        // Written in full precision; another tool may have rounded to about seven digits.
-        let tolerance = expected.0.max_element() * 1e-5 + geometry.origin.abs().max_element() * 1e-6;
-        let near = |a: DVec3, b: DVec3| (a - b).abs().max_element() <= tolerance;
-        if !(near(expected.0, found.0) && near(expected.1, found.1)) {
-            let show = |(s, t): &(DVec3, DVec3)| format!("scale {s} and translation {t} (x, y, z)");
-            let field = field(k, ".coordinateTransformations");
-            return Err(OpenError::invalid(path, field, show(&expected), show(found)));
-        }
-    }
-    Ok(geometry)
-}
-
-/// Displays from the store's OME metadata, editable by other tools, with unusable entries replaced by the packed ones.
-pub(crate) fn parse_displays(root: &Value, info: &StoreInfo) -> Vec<ChannelDisplay> {
-    let display = |(i, packed): (usize, ChannelDisplay)| {
-        let said = &root["attributes"]["ome"]["omero"]["channels"][i];
-        let end = |name: &str| said["window"][name].as_f64().filter(|value| value.is_finite());
-        let window = end("start").zip(end("end")).filter(|(start, end)| start <= end);
-        let label = said["label"].as_str().map(str::trim).filter(|label| !label.is_empty());
-        ChannelDisplay {
-            name: label.map(str::to_owned).or_else(|| info.channels[i].name.clone()),
-            color: said["color"].as_str().and_then(channel::from_hex).unwrap_or(packed.color),
-            window: window.unwrap_or(packed.window),
-            is_visible: said["active"].as_bool().unwrap_or(packed.is_visible),
-        }
-    };
-    ChannelDisplay::of_channels(&info.channels).into_iter().enumerate().map(display).collect()
-}
-
-/// Label colours from the store's OME metadata, sorted by label; the last entry wins, unusable ones are dropped.
-pub(crate) fn parse_label_colors(root: &Value) -> Vec<LabelColor> {
-    let said = root["attributes"]["ome"]["image-label"]["colors"].as_array();
-    let color = |entry: &Value| {
-        let rgba: Vec<u64> = entry["rgba"].as_array()?.iter().filter_map(Value::as_u64).collect();
-        let &[r, g, b, _] = &rgba[..] else { return None };
-        let is_color = [r, g, b].iter().all(|&part| part <= 255);
-        let color = [r, g, b].map(|part| part as f64 / 255.0);
-        is_color.then_some((entry["label-value"].as_i64()?, color))
-    };
-    let colors: BTreeMap<i64, [f64; 3]> = said.into_iter().flatten().filter_map(color).collect();
-    colors.into_iter().map(|(label, color)| LabelColor { label, color }).collect()
-}
-
-/// The placement from the volume's own world of spacing and origin to the patient's, if the store has an orientation.
-pub(crate) fn parse_placement(path: &Path, info: &StoreInfo, geometry: &Geometry) -> Result<Placement, OpenError> {
-    let Some(orientation) = &info.orientation else { return Ok(Placement::default()) };
-    let field = "attributes.brickyard.orientation";
-    let bad = |error| OpenError::invalid(path, field, "an invertible map, together with the spacing", error);
-    orientation.placement(geometry).map_err(bad)
-}
-
-/// The x, y and z of the first transformation of this kind.
-fn spatial(transforms: &Value, kind: &str, axes: usize) -> Option<DVec3> {
-    let transform = transforms.as_array()?.iter().find(|t| t["type"] == kind)?;
-    let numbers: Vec<f64> = transform[kind].as_array()?.iter().filter_map(Value::as_f64).collect();
-    let [.., z, y, x] = numbers[..] else { return None };
-    let v = DVec3::new(x, y, z);
-    (numbers.len() == axes && v.is_finite()).then_some(v)
 }

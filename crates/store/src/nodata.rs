@@ -3,7 +3,7 @@
 //! Other kernels keep their speed: this code works on the voxels in between, or box by box, and only in bricks with
 //! no-data voxels.
 
-use crate::downsample::{Downsample, Reduce, mode};
+use crate::downsample::{Downsample, Reduce, Reduction, mode};
 use crate::stats::{Counter, Measure, Range, Tally};
 
 /// Whether any voxel is `nodata`. Tests whole rows, which the compiler vectorises.
@@ -44,15 +44,8 @@ fn count_others<T: Measure>(voxels: &[T], nodata: T, counter: &mut Counter, tall
 
 /// Like [`downsample`](crate::downsample::downsample), but skips `nodata` voxels: a coarse voxel is `nodata` only if
 /// all of its finer ones are.
-pub(crate) fn downsample<T: Reduce>(
-    method: Downsample,
-    core: &[T],
-    edge: usize,
-    shape: [usize; 3],
-    factor: [usize; 3],
-    nodata: T,
-    out: &mut [T],
-) {
+pub(crate) fn downsample<T: Reduce>(reduction: Reduction, core: &[T], nodata: T, out: &mut [T]) {
+    let Reduction { method, edge, shape, factor } = reduction;
     let mut out = out.iter_mut();
     for z in (0..shape[2]).step_by(factor[2]) {
         for y in (0..shape[1]).step_by(factor[1]) {
@@ -108,7 +101,8 @@ mod tests {
 
     fn one<T: Reduce>(method: Downsample, voxels: [T; 8], nodata: T) -> T {
         let mut out = [T::default()];
-        downsample(method, &voxels, 2, [2; 3], [2; 3], nodata, &mut out);
+        let reduction = Reduction { method, edge: 2, shape: [2; 3], factor: [2; 3] };
+        downsample(reduction, &voxels, nodata, &mut out);
         out[0]
     }
 
@@ -145,8 +139,9 @@ mod tests {
                 for method in Downsample::ALL {
                     let mut found = vec![T::default(); (0..3).map(|a| shape[a] / factor[a]).product()];
                     let mut expected = found.clone();
-                    downsample(method, core, 4, shape, factor, nodata, &mut found);
-                    crate::downsample::downsample(method, core, 4, shape, factor, &mut expected);
+                    let reduction = Reduction { method, edge: 4, shape, factor };
+                    downsample(reduction, core, nodata, &mut found);
+                    crate::downsample::downsample(reduction, core, &mut expected);
                     assert_eq!(found, expected, "{method:?}");
                 }
             }

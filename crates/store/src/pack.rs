@@ -41,17 +41,16 @@ pub use plan::{PackPlan, plan};
 use crate::codec::Codec;
 use crate::downsample::Reductions;
 use crate::error::{InsideStore, ReadError};
-use crate::layout::{DEFAULT_SHARD_EDGE, Layout, check_edges};
-use crate::metadata::ChannelStatistics;
-use crate::metadata::{Kind, StoreInfo, apron_document, document_bytes, level_document, root_document};
-use crate::side::{SideArray, level_arrays};
+use crate::layout::{DEFAULT_SHARD_EDGE, check_edges};
+use crate::metadata::{Kind, StoreInfo, document_bytes, root_document};
+use crate::side::array_documents;
 use crate::stats::ChannelTotals;
 use crate::version::FORMAT_VERSION;
-use aprons::ApronPass;
 use brickyard_import::{ImportError, Source, SourceInfo};
-use brickyard_volume::{Apron, ChannelLook, DEFAULT_BRICK_EDGE, Level, MAX_APRON, VoxelType, with_voxel_type};
-use cascade::{Pass, Passed, Reached, Stop};
+use brickyard_volume::{Apron, DEFAULT_BRICK_EDGE, MAX_APRON, VoxelType, with_voxel_type};
+use cascade::{Pass, Passed, Reached, Stop, Stopped};
 use disk::{Disk, Part};
+use journal::Journal;
 use output::Output;
 use plan::Stage;
 use serde_json::{Value, json};
@@ -213,7 +212,7 @@ pub enum PackError {
     },
     /// The output exists, and [`Exists::Refuse`] was chosen.
     #[error("{path}: exists already{}; choose another name, or pass {}", if *unfinished { " (an unfinished pack)" } else { "" },
-        if *unfinished { "`resume` to finish it or `overwrite` to start over" } else { "`overwrite` to replace it" }, path = path.display())]
+        if *unfinished { "`resume` to finish it or `overwrite` to start over" } else { "`overwrite` to replace it" })]
     Exists {
         /// The output's path.
         path: PathBuf,
@@ -224,14 +223,16 @@ pub enum PackError {
     #[error(transparent)]
     Inside(#[from] InsideStore),
     /// The output exists, but is nothing replaceable by packing.
-    #[error("{path}: is neither a brick store nor an unfinished pack, and is left alone; choose another name, or \
-             remove it", path = path.display())]
+    #[error(
+        "{path}: is neither a brick store nor an unfinished pack, and is left alone; choose another name, or \
+         remove it"
+    )]
     NotOurs {
         /// The output's path.
         path: PathBuf,
     },
     /// The existing pack was made from other data or with other settings.
-    #[error("{store}: cannot be resumed: {difference}; use the same input and settings, or `overwrite` to start over", store = store.display())]
+    #[error("{store}: cannot be resumed: {difference}; use the same input and settings, or `overwrite` to start over")]
     Mismatch {
         /// The store.
         store: PathBuf,
@@ -241,8 +242,7 @@ pub enum PackError {
     /// Overwriting would delete foreign files.
     #[error(
         "{store}: cannot be replaced: {found} is not part of the store, and replacing would delete it; move it away, or choose \
-         another name",
-        store = store.display(), found = found.display()
+         another name"
     )]
     Foreign {
         /// The store.
@@ -251,10 +251,7 @@ pub enum PackError {
         found: PathBuf,
     },
     /// The name `STORE.packing`, needed to replace a finished store, is taken.
-    #[error(
-        "{path}: is in the way: replacing {store} needs this name; move it away, or choose another output",
-        path = path.display(), store = store.display()
-    )]
+    #[error("{path}: is in the way: replacing {store} needs this name; move it away, or choose another output")]
     InTheWay {
         /// The occupied path, `STORE.packing`.
         path: PathBuf,
@@ -264,7 +261,7 @@ pub enum PackError {
     /// Another pack is running on the same output.
     #[error(
         "{store}: another process packs into it{}; wait for it, or stop it",
-        holder.as_ref().map_or(String::new(), |holder| format!(" ({holder})")), store = store.display()
+        holder.as_ref().map_or(String::new(), |holder| format!(" ({holder})"))
     )]
     Busy {
         /// The directory of the other pack.
@@ -275,8 +272,7 @@ pub enum PackError {
     /// The file system does not lock files, so a concurrent pack would go unnoticed.
     #[error(
         "{path}: {error}: this file system cannot lock files, so another pack into the same store would go unnoticed; \
-         pack to a local disk or to NFS, and move the store from there",
-        path = path.display()
+         pack to a local disk or to NFS, and move the store from there"
     )]
     NoLock {
         /// The intended place of the store.
@@ -286,7 +282,7 @@ pub enum PackError {
         error: std::io::Error,
     },
     /// [`Progress::is_cancelled`] stopped the pack. Finished shards stay; no unfinished file has a final name.
-    #[error("cancelled; {done} of {total} shards of {store} are finished, and `resume` goes on", store = store.display())]
+    #[error("cancelled; {done} of {total} shards of {store} are finished, and `resume` goes on")]
     Cancelled {
         /// The unfinished store.
         store: PathBuf,
@@ -296,7 +292,7 @@ pub enum PackError {
         total: u64,
     },
     /// The source failed midway. Finished shards stay.
-    #[error("{error}; {done} of {total} shards of {store} are finished: correct the input and run again with `resume`", store = store.display())]
+    #[error("{error}; {done} of {total} shards of {store} are finished: correct the input and run again with `resume`")]
     Source {
         /// The source's error.
         #[source]
@@ -311,7 +307,7 @@ pub enum PackError {
     /// A write failed midway, usually from a full disk. Finished shards stay; no unfinished file has a final name.
     #[error(
         "{path}: {error}; {done} of {total} shards of {store} are finished: {cure} and run again with `resume`",
-        path = path.display(), store = store.display(), cure = cure(error, *needed_bytes)
+        cure = cure(error, Some(*needed_bytes))
     )]
     Incomplete {
         /// The file being written.
@@ -329,7 +325,7 @@ pub enum PackError {
         needed_bytes: u64,
     },
     /// Freshly written data are unreadable.
-    #[error("{error}; this pack has just written it: check the disk of {store} and start over with `overwrite`", store = store.display())]
+    #[error("{error}; this pack has just written it: check the disk of {store} and start over with `overwrite`")]
     ReadBack {
         /// The read error.
         #[source]
@@ -340,8 +336,7 @@ pub enum PackError {
     /// A thread of the packer, or of the source, panicked.
     #[error(
         "this program (or the reader of the input) has a fault: {words:?}; {done} of {total} shards of {store} are finished, \
-         and `resume` goes on; please report this",
-        store = store.display()
+         and `resume` goes on; please report this"
     )]
     Panic {
         /// The panic's message.
@@ -354,7 +349,7 @@ pub enum PackError {
         total: u64,
     },
     /// The directory is not writable, by its permissions or on a read-only file system.
-    #[error("{path}: cannot be written: {error}", path = path.display())]
+    #[error("{path}: cannot be written: {error}")]
     ReadOnly {
         /// The directory.
         path: PathBuf,
@@ -363,7 +358,7 @@ pub enum PackError {
         error: std::io::Error,
     },
     /// The operating system refused an operation before this run packed anything.
-    #[error("{path}: {error}", path = path.display())]
+    #[error("{path}: {error}")]
     Io {
         /// The file or directory.
         path: PathBuf,
@@ -376,11 +371,11 @@ pub enum PackError {
     Threads(String),
 }
 
-fn cure(error: &std::io::Error, needed_bytes: u64) -> String {
+/// The user's remedy for a failed write, with the bytes still to be written, if known.
+pub(crate) fn cure(error: &std::io::Error, needed_bytes: Option<u64>) -> String {
+    let more = needed_bytes.map(|bytes| format!(" (about {} MiB more)", bytes.div_ceil(1 << 20)));
     match error.kind() {
-        ErrorKind::StorageFull | ErrorKind::QuotaExceeded => {
-            format!("make room (about {} MiB more)", needed_bytes.div_ceil(1 << 20))
-        }
+        ErrorKind::StorageFull | ErrorKind::QuotaExceeded => format!("make room{}", more.unwrap_or_default()),
         ErrorKind::FileTooLarge => "raise the limit of file sizes (`ulimit -f`)".into(),
         _ => "see to that".into(),
     }
@@ -410,14 +405,14 @@ pub(crate) fn pack_on(
     let plan = plan(source, options)?;
     let settings = settings(source, options);
     let shards = plan.shard_count();
-    let report = |resumed, written_bytes, [non_finite, nodata]: [u64; 2], was_complete| PackReport {
+    let unchanged = PackReport {
         plan: plan.clone(),
         shards,
-        shards_resumed: resumed,
-        written_bytes,
-        non_finite,
-        nodata,
-        was_complete,
+        shards_resumed: shards,
+        written_bytes: 0,
+        non_finite: 0,
+        nodata: 0,
+        was_complete: true,
     };
     let start = Output::start(disk, store, options.exists, &settings, shards).map_err(|error| match error {
         PackError::Io { path, error } if matches!(error.kind(), ErrorKind::StorageFull | ErrorKind::FileTooLarge) => {
@@ -426,7 +421,7 @@ pub(crate) fn pack_on(
         }
         other => other,
     });
-    let Some(mut output) = start? else { return Ok(report(shards, 0, [0; 2], true)) };
+    let Some(mut output) = start? else { return Ok(unchanged) };
     tell(source.info(), progress);
     warn_of_space(&output.dir, &plan, progress);
     if disk::may_be_local(&output.dir) {
@@ -434,22 +429,15 @@ pub(crate) fn pack_on(
         progress.warn(&format!("{}: {what}", output.dir.display()));
     }
     progress.planned(&plan);
-    let resumed = output.journal.finished_count();
+    let shards_resumed = output.journal.finished_count();
     let pass = Pass { source, store: &output.dir, options, plan: &plan, disk, progress };
-    let passed = with_voxel_type!(source.info().voxel_type, T => pass.run::<T>(&mut output.journal, no_totals(source)));
+    let totals = (0..source.info().channels).map(|_| ChannelTotals::new(source.info().voxel_type)).collect();
+    let passed = run_passes(&pass, &mut output.journal, totals);
     let passed = passed.map_err(|(stop, reached)| stopped(stop, &reached, &output.dir, shards))?;
-    let voxel_type = source.info().voxel_type;
-    let aprons = options.apron().map(|apron| {
-        let pass = ApronPass { store: &output.dir, voxel_type, apron, options, plan: &plan, disk, progress };
-        let run = AssertUnwindSafe(|| pass.run(&mut output.journal));
-        let cores = plan.core_shard_count();
-        catch_unwind(run).unwrap_or_else(|panic| Err((Stop::panic(panic), Reached::new(cores, 0, 0, plan.apron_bytes))))
-    });
-    let aprons = aprons.transpose().map_err(|(stop, reached)| stopped(stop, &reached, &output.dir, shards))?;
     let non_finite = passed.channels.iter().map(ChannelTotals::non_finite).sum();
-    let nodata = passed.channels.iter().map(|c| c.nodata).sum();
-    let written_bytes = passed.written_bytes + aprons.unwrap_or_default();
-    let finished = write_metadata(disk, &output.dir, source, options, &plan, &settings, passed);
+    let nodata = passed.channels.iter().map(ChannelTotals::nodata).sum();
+    let written_bytes = passed.written_bytes;
+    let finished = write_metadata(&pass, &settings, passed);
     let dir = output.dir.clone();
     let finished = finished.map_err(PackError::from).and_then(|()| output.finish(disk));
     finished.map_err(|error| match error {
@@ -459,7 +447,24 @@ pub(crate) fn pack_on(
         }
         other => other,
     })?;
-    Ok(report(resumed, written_bytes, [non_finite, nodata], false))
+    Ok(PackReport { shards_resumed, written_bytes, non_finite, nodata, was_complete: false, ..unchanged })
+}
+
+/// Packs the plan's time steps: cores and coarser levels, then aprons if they are stored. Adds the voxels to the
+/// channels' totals.
+pub(crate) fn run_passes(pass: &Pass, journal: &mut Journal, channels: Vec<ChannelTotals>) -> Result<Passed, Stopped> {
+    let mut passed = with_voxel_type!(pass.source.info().voxel_type, T => pass.run::<T>(journal, channels))?;
+    if let Some(apron) = pass.options.apron() {
+        let nothing = Reached::new(pass.plan.core_shard_count(), 0, 0, pass.plan.apron_bytes);
+        let run = AssertUnwindSafe(|| pass.run_aprons(apron, journal));
+        passed.written_bytes += catch_unwind(run).unwrap_or_else(|panic| Err((Stop::panic(panic), nothing)))?;
+    }
+    Ok(passed)
+}
+
+/// Starts this many worker threads; fails with the reason in words.
+pub(crate) fn pool(threads: usize) -> Result<rayon::ThreadPool, String> {
+    rayon::ThreadPoolBuilder::new().num_threads(threads).build().map_err(|error| error.to_string())
 }
 
 /// The settings that determine a store's bytes.
@@ -541,27 +546,12 @@ fn warn_of_space(dir: &Path, plan: &PackPlan, progress: &dyn Progress) {
     }
 }
 
-fn no_totals(source: &dyn Source) -> Vec<ChannelTotals> {
-    let info = source.info();
-    (0..info.channels).map(|_| ChannelTotals::new(info.voxel_type)).collect()
-}
-
-fn with_looks(mut channels: Vec<ChannelStatistics>, looks: &[ChannelLook]) -> Vec<ChannelStatistics> {
-    channels.iter_mut().zip(looks).for_each(|(channel, look)| channel.take_look(look));
-    channels
-}
-
 /// Writes all documents, the root's last.
-fn write_metadata(
-    disk: &Disk,
-    dir: &Path,
-    source: &dyn Source,
-    options: &PackOptions,
-    plan: &PackPlan,
-    settings: &Value,
-    passed: Passed,
-) -> Result<(), disk::DiskError> {
+fn write_metadata(pass: &Pass, settings: &Value, passed: Passed) -> Result<(), disk::DiskError> {
+    let Pass { source, store, options, plan, disk, .. } = *pass;
     let (info, layout) = (source.info(), &plan.layout);
+    let mut channels: Vec<_> = passed.channels.iter().map(ChannelTotals::finish).collect();
+    channels.iter_mut().zip(&info.channel_looks).for_each(|(channel, look)| channel.take_look(look));
     let store_info = StoreInfo {
         version: FORMAT_VERSION,
         edge: options.edge,
@@ -579,29 +569,17 @@ fn write_metadata(
         orientation: info.orientation,
         time: info.time.clone(),
         times: None,
-        channels: with_looks(passed.channels.iter().map(ChannelTotals::finish).collect(), &info.channel_looks),
+        channels,
         source: info.identity.clone(),
         settings_fingerprint: fingerprint(settings),
         complete: true,
     };
-    let document = |layout: &Layout, level: Level, document: &Value| {
-        (dir.join(layout.level_path(level)).join("zarr.json"), document_bytes(document))
-    };
-    let mut files = Vec::new();
     for Stage { layout, level, .. } in &plan.stages {
-        let arrays = level_arrays(dir, layout, *level, info.voxel_type);
-        files.extend(arrays.iter().map(SideArray::document_file));
-        files.push(document(layout, *level, &level_document(layout, *level, &store_info)));
-        if let Some(apron) = options.apron() {
-            let layout = layout.of_aprons();
-            files.push(SideArray::fingerprints(dir, &layout, *level).document_file());
-            files.push(document(&layout, *level, &apron_document(&layout, *level, apron, &store_info)));
+        for (path, document) in array_documents(store, layout, *level, &store_info) {
+            disk.write_early(&path, &document_bytes(&document))?;
         }
     }
-    for (path, bytes) in files {
-        disk.write_early(&path, &bytes)?;
-    }
-    disk.sync_parts(dir, [Part::Tree(dir)])?;
-    disk.write(&dir.join("zarr.json"), &document_bytes(&root_document(layout, &info.geometry, &store_info)))?;
-    disk.sync_dir(dir)
+    disk.sync_parts(store, [Part::Tree(store)])?;
+    disk.write(&store.join("zarr.json"), &document_bytes(&root_document(layout, &info.geometry, &store_info)))?;
+    disk.sync_dir(store)
 }

@@ -85,14 +85,16 @@ impl ShardFile {
 
     /// The range in the file of index entry `slot`; `None` if the brick is not stored.
     pub(crate) fn range(&self, slot: usize) -> Result<Option<BrickRange>, ShardError> {
-        let bricks = self.index.len() / 16;
-        ShardIndex::new(&self.index, self.file_bytes, bricks, self.cap)?.range(slot)
+        self.index()?.range(slot)
     }
 
     /// The index entries of two bricks with some but not all bytes in common; `None` if there are none.
     pub(crate) fn overlap(&self) -> Result<Option<(usize, usize)>, ShardError> {
-        let bricks = self.index.len() / 16;
-        Ok(ShardIndex::new(&self.index, self.file_bytes, bricks, self.cap)?.overlap())
+        Ok(self.index()?.overlap())
+    }
+
+    fn index(&self) -> Result<ShardIndex<'_>, ShardError> {
+        ShardIndex::new(&self.index, self.file_bytes, self.index.len() / 16, self.cap)
     }
 
     /// A brick's encoded bytes, borrowed from the map or read into `buffer`.

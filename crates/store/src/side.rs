@@ -15,11 +15,11 @@
 //! crc32c. So a store opens without reading any, a page is read on first access to its box, and new time steps leave
 //! old pages unchanged. A page of ranges takes 16 KiB to 64 KiB in memory.
 
-use crate::error::{OpenError, ReadError};
+use crate::error::ReadError;
 use crate::folder::Folder;
-use crate::json::read_json;
 use crate::layout::{Layout, place_at};
-use crate::metadata::{Steps, array_document, bytes_codec, check_array, document_bytes, sharding_codecs};
+use crate::metadata::{StoreInfo, array_document, bytes_codec, sharding_codecs, voxel_documents};
+use crate::mutex::lock;
 use crate::shard::Fingerprint;
 use crate::side_file;
 use brickyard_volume::{BrickId, Extent, Level, Occupancy, OccupancyBins, PageId, Paging, VoxelType};
@@ -28,7 +28,7 @@ use serde_json::{Value, json};
 use std::collections::HashMap;
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 
 /// One array of a level's side data.
 pub(crate) struct SideArray {
@@ -47,34 +47,32 @@ pub(crate) struct SideArray {
 
 impl SideArray {
     pub(crate) fn ranges(store: &Path, layout: &Layout, level: Level, voxel_type: VoxelType) -> Self {
-        let bricks = layout.pyramid.level(level).bricks;
-        Self::new(store, layout, level, "ranges", voxel_type.zarr_name(), voxel_type.bytes(), bricks, 4)
+        let (data_type, element_bytes) = (voxel_type.zarr_name(), voxel_type.bytes());
+        Self { data_type, element_bytes, values: 4, ..Self::of_bricks(store, layout, level, "ranges") }
     }
 
     pub(crate) fn hashes(store: &Path, layout: &Layout, level: Level) -> Self {
-        Self::new(store, layout, level, "hashes", "uint64", 8, layout.pyramid.level(level).bricks, 2)
+        Self::of_bricks(store, layout, level, "hashes")
     }
 
     /// The fingerprints of a level's shards, or of its aprons' shards, in a store.
     pub(crate) fn fingerprints(store: &Path, layout: &Layout, level: Level) -> Self {
-        let of_steps = Self::new(store, layout, level, "shards", "uint64", 8, layout.shard_grid(level), 2);
-        Self { times: layout.shard_groups(), file_times: 1, ..of_steps }
+        let (times, grid) = (layout.shard_groups(), layout.shard_grid(level));
+        Self { times, file_times: 1, grid, ..Self::of_bricks(store, layout, level, "shards") }
     }
 
-    #[expect(clippy::too_many_arguments, reason = "a table's row, named by the three functions above")]
-    fn new(
-        store: &Path,
-        layout: &Layout,
-        level: Level,
-        name: &str,
-        data_type: &'static str,
-        element_bytes: usize,
-        grid: Extent,
-        values: u32,
-    ) -> Self {
-        let dir = layout.side_dir(store, level).join(name);
-        let (times, file_times, channels) = (layout.times, layout.shard_times, layout.channels);
-        Self { dir, data_type, element_bytes, times, file_times, channels, grid, values }
+    /// Two 64-bit words for each brick and time step.
+    fn of_bricks(store: &Path, layout: &Layout, level: Level, name: &str) -> Self {
+        Self {
+            dir: layout.side_dir(store, level).join(name),
+            data_type: "uint64",
+            element_bytes: 8,
+            times: layout.times,
+            file_times: layout.shard_times,
+            channels: layout.channels,
+            grid: layout.pyramid.level(level).bricks,
+            values: 2,
+        }
     }
 
     /// The division of the array's cells into pages.
@@ -84,14 +82,6 @@ impl SideArray {
 
     pub(crate) fn page_bytes(&self) -> usize {
         self.paging().page_cells() * self.values as usize * self.element_bytes
-    }
-
-    pub(crate) fn dir(&self) -> &Path {
-        &self.dir
-    }
-
-    pub(crate) fn document_path(&self) -> PathBuf {
-        self.dir.join("zarr.json")
     }
 
     pub(crate) fn page_path(&self, PageId { time, channel, z, y, x, .. }: PageId) -> PathBuf {
@@ -105,26 +95,21 @@ impl SideArray {
         ((time - first) as usize, self.file_times as usize, filled as usize)
     }
 
-    /// The array's document: path and content.
-    pub(crate) fn document_file(&self) -> PageFile {
-        (self.document_path(), document_bytes(&self.document()))
-    }
-
     /// The file for a page stored alone: path, and encoded `bytes`.
     pub(crate) fn page_file(&self, page: PageId, bytes: &[u8]) -> PageFile {
         debug_assert!(bytes.len() == self.page_bytes() && self.file_times == 1);
         (self.page_path(page), side_file::encode(bytes))
     }
 
-    /// Compares the array's document with the one expected from the layout.
-    pub(crate) fn check(&self, folder: &Folder, steps: Steps) -> Result<(), OpenError> {
-        let path = self.document_path();
-        check_array(&path, &self.document(), &read_json(folder, &path)?, steps)
-    }
-
     pub(crate) fn read_page(&self, folder: &Folder, page: PageId) -> Result<Vec<u8>, ReadError> {
         let (slot, slots, _) = self.place_in_file(page);
         side_file::read(folder, &self.page_path(page), slot, slots, self.page_bytes())
+    }
+
+    /// Reads a page of fingerprints.
+    pub(crate) fn read_fingerprints(&self, folder: &Folder, page: PageId) -> Result<Vec<Fingerprint>, ReadError> {
+        let bytes = self.read_page(folder, page)?;
+        Ok(bytes.chunks_exact(size_of::<Fingerprint>()).map(bytemuck::pod_read_unaligned).collect())
     }
 
     /// Number of pages, over all time steps (or groups) and channels.
@@ -138,7 +123,7 @@ impl SideArray {
         PageId { time, channel, level, z, y, x }
     }
 
-    pub(crate) fn document(&self) -> Value {
+    fn document(&self) -> Value {
         let (grid, page) = (self.grid, self.paging().page_extent());
         let shape = [self.times, self.channels, grid.z, grid.y, grid.x, self.values];
         let chunk = |steps| [steps, 1, page.z, page.y, page.x, self.values];
@@ -200,6 +185,18 @@ pub(crate) fn level_arrays(store: &Path, layout: &Layout, level: Level, voxel_ty
     ]
 }
 
+/// The documents of a level's side data, and of its aprons' if there are any, with their paths.
+pub(crate) fn side_documents(store: &Path, layout: &Layout, level: Level, info: &StoreInfo) -> Vec<(PathBuf, Value)> {
+    let aprons = info.apron().map(|_| SideArray::fingerprints(store, &layout.of_aprons(), level));
+    let arrays = level_arrays(store, layout, level, info.voxel_type).into_iter().chain(aprons);
+    arrays.map(|array| (array.dir.join("zarr.json"), array.document())).collect()
+}
+
+/// The documents of all arrays of a level of one pyramid, with their paths: voxels, then side data.
+pub(crate) fn array_documents(store: &Path, layout: &Layout, level: Level, info: &StoreInfo) -> Vec<(PathBuf, Value)> {
+    [voxel_documents(store, layout, level, info), side_documents(store, layout, level, info)].concat()
+}
+
 /// The value ranges of the bricks of one page.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RangePage {
@@ -250,8 +247,10 @@ impl SidePages {
 
     /// Most memory taken by cached pages, in bytes.
     pub(crate) fn cache_bytes(&self) -> u64 {
-        let levels = (0..self.layout.pyramid.levels().len()).map(|k| Level(k as u8));
-        let arrays = levels.map(|level| SideArray::ranges(self.folder.path(), &self.layout, level, self.voxel_type));
+        let arrays = self
+            .layout
+            .levels()
+            .map(|level| SideArray::ranges(self.folder.path(), &self.layout, level, self.voxel_type));
         let all: u64 = arrays.map(|array| array.page_count().saturating_mul(array.page_bytes() as u64)).sum();
         all.min(KEPT_BYTES as u64)
     }
@@ -265,11 +264,11 @@ impl SidePages {
     /// The cached page with a brick's ranges, and the brick's place in it.
     pub(crate) fn ranges_of(&self, id: BrickId) -> Result<(Arc<RangePage>, usize), ReadError> {
         let (page, place) = self.layout.pyramid.page_of(id);
-        if let Some(kept) = self.ranges.lock().unwrap_or_else(PoisonError::into_inner).get(&page) {
+        if let Some(kept) = lock(&self.ranges).get(&page) {
             return Ok((kept.clone(), place));
         }
         let read = Arc::new(self.read_ranges(page)?);
-        self.ranges.lock().unwrap_or_else(PoisonError::into_inner).put(page, read.clone());
+        lock(&self.ranges).put(page, read.clone());
         Ok((read, place))
     }
 
@@ -279,16 +278,6 @@ impl SidePages {
         let bytes = array.read_page(&self.folder, page)?;
         Ok(bytes.as_chunks().0.iter().map(|hash| u128::from_le_bytes(*hash)).collect())
     }
-}
-
-/// Reads and decodes a page of fingerprints.
-pub(crate) fn read_fingerprints(
-    folder: &Folder,
-    array: &SideArray,
-    page: PageId,
-) -> Result<Vec<Fingerprint>, ReadError> {
-    let bytes = array.read_page(folder, page)?;
-    Ok(bytes.chunks_exact(size_of::<Fingerprint>()).map(bytemuck::pod_read_unaligned).collect())
 }
 
 /// The hash (XXH3-128) of a brick's decoded core, padding included.

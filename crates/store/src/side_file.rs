@@ -71,13 +71,19 @@ pub(crate) fn read(
     decode(&encoded, page_bytes).map_err(corrupt)
 }
 
-/// Decodes a page; fails unless it has the expected length.
-fn decode(encoded: &[u8], expected_bytes: usize) -> Result<Vec<u8>, String> {
+/// The compressed frame of a file; fails unless it matches its checksum.
+pub(crate) fn checked(encoded: &[u8]) -> Result<&[u8], String> {
     let (frame, crc) = encoded.split_last_chunk::<4>().ok_or("it is shorter than its checksum")?;
     let (stored, computed) = (u32::from_le_bytes(*crc), crc32c::crc32c(frame));
     if stored != computed {
         return Err(format!("checksum: stored {stored:08x}, computed {computed:08x}"));
     }
+    Ok(frame)
+}
+
+/// Decodes a page; fails unless it has the expected length.
+fn decode(encoded: &[u8], expected_bytes: usize) -> Result<Vec<u8>, String> {
+    let frame = checked(encoded)?;
     let mut page = vec![0; expected_bytes];
     Scratch::with(|scratch| scratch.decompress(frame, &mut page)).map_err(|error| error.to_string())?;
     Ok(page)

@@ -46,6 +46,14 @@ impl<T: Measure> Range<T> {
     }
 }
 
+/// The range of both ranges' values.
+pub(crate) fn join(a: Option<(f64, f64)>, b: Option<(f64, f64)>) -> Option<(f64, f64)> {
+    match (a, b) {
+        (Some(a), Some(b)) => Some((a.0.min(b.0), a.1.max(b.1))),
+        (a, b) => a.or(b),
+    }
+}
+
 /// A voxel type's arithmetic for statistics.
 pub(crate) trait Measure: Reduce {
     /// The range of no voxels, which has `low > high`.
@@ -73,74 +81,64 @@ pub(crate) trait Measure: Reduce {
     fn ordinal(self) -> Option<i64>;
     /// Adds sums of 32-bit voxels and numbers of non-finite voxels, which counts by value cannot supply to
     /// [`ChannelTotals`].
-    fn tally(_values: &[Self], _tally: &mut Tally) {}
+    fn tally(values: &[Self], tally: &mut Tally);
 }
 
-macro_rules! integer_range {
-    ($t:ty) => {
-        const EMPTY: Range<Self> = Range { low: <$t>::MAX, high: <$t>::MIN };
-        const NO_ENDS: [Self; 2] = [<$t>::MAX, <$t>::MIN];
-        #[inline(always)]
-        fn ordinal(self) -> Option<i64> {
-            Some(self as i64)
-        }
-        #[inline(always)]
-        fn lower(low: Self, value: Self) -> Self {
-            low.min(value)
-        }
-        #[inline(always)]
-        fn upper(high: Self, value: Self) -> Self {
-            high.max(value)
-        }
-    };
+/// Counts 8-bit voxels, in pairs.
+#[inline(always)]
+fn count_bytes<T: Measure>(values: &[T], counter: &mut Counter) {
+    let (bytes, counter): (&[u8], _) = (bytemuck::cast_slice(values), counter.words());
+    let pairs = bytes.chunks_exact(2);
+    counter.singles(pairs.remainder());
+    counter.count(pairs.map(|c| u16::from_le_bytes([c[0], c[1]])));
 }
 
-macro_rules! byte_measure {
-    ($($t:ty),*) => {$(
+/// Counts 16-bit voxels.
+#[inline(always)]
+fn count_words<T: Measure>(values: &[T], counter: &mut Counter) {
+    counter.words().count(bytemuck::cast_slice(values).iter().copied());
+}
+
+/// Counts 32-bit voxels.
+#[inline(always)]
+fn count_ordinals<T: Measure>(values: &[T], counter: &mut Counter) {
+    counter.values().count(values.iter().map(|&v| v.ordinal()));
+}
+
+macro_rules! integer_measure {
+    ($count:ident: $($t:ty),*) => {$(
         impl Measure for $t {
-            integer_range!($t);
+            const EMPTY: Range<Self> = Range { low: <$t>::MAX, high: <$t>::MIN };
+            const NO_ENDS: [Self; 2] = [<$t>::MAX, <$t>::MIN];
             #[inline(always)]
-            fn count(values: &[Self], counter: &mut Counter) {
-                let (bytes, counter): (&[u8], _) = (bytemuck::cast_slice(values), counter.words());
-                let pairs = bytes.chunks_exact(2);
-                counter.singles(pairs.remainder());
-                counter.count(pairs.map(|c| u16::from_le_bytes([c[0], c[1]])));
+            fn ordinal(self) -> Option<i64> {
+                Some(self as i64)
             }
-        }
-    )*};
-}
-byte_measure!(u8, i8);
-
-macro_rules! short_measure {
-    ($($t:ty),*) => {$(
-        impl Measure for $t {
-            integer_range!($t);
             #[inline(always)]
-            fn count(values: &[Self], counter: &mut Counter) {
-                counter.words().count(values.iter().map(|&v| v as u16));
+            fn lower(low: Self, value: Self) -> Self {
+                low.min(value)
             }
-        }
-    )*};
-}
-short_measure!(u16, i16);
-
-macro_rules! long_measure {
-    ($($t:ty),*) => {$(
-        impl Measure for $t {
-            integer_range!($t);
+            #[inline(always)]
+            fn upper(high: Self, value: Self) -> Self {
+                high.max(value)
+            }
             #[inline(always)]
             fn count(values: &[Self], counter: &mut Counter) {
-                counter.values().count(values.iter().map(|&v| v.ordinal()));
+                $count(values, counter);
             }
             #[inline(always)]
             fn tally(values: &[Self], tally: &mut Tally) {
-                // Sums of a row of 32-bit integers are exact in i64.
-                tally.sum += values.iter().map(|&v| v as i64).sum::<i64>() as f64;
+                if size_of::<Self>() == 4 {
+                    // Sums of a row of 32-bit integers are exact in i64.
+                    tally.sum += values.iter().map(|&v| v as i64).sum::<i64>() as f64;
+                }
             }
         }
     )*};
 }
-long_measure!(u32, i32);
+integer_measure!(count_bytes: u8, i8);
+integer_measure!(count_words: u16, i16);
+integer_measure!(count_ordinals: u32, i32);
 
 impl Measure for f32 {
     const EMPTY: Range<f32> = Range { low: f32::INFINITY, high: f32::NEG_INFINITY };
@@ -163,7 +161,7 @@ impl Measure for f32 {
 
     #[inline(always)]
     fn count(values: &[f32], counter: &mut Counter) {
-        counter.values().count(values.iter().map(|&v| v.ordinal()));
+        count_ordinals(values, counter);
     }
 
     #[inline(always)]
@@ -347,12 +345,8 @@ fn zeroed<T: Copy + Default>() -> Box<[T; WORDS]> {
 pub(crate) struct ChannelTotals {
     voxel_type: VoxelType,
     /// Least and greatest valid voxel; `None` if there is none.
-    pub range: Option<(f64, f64)>,
-    pub nan: u64,
-    pub positive_infinite: u64,
-    pub negative_infinite: u64,
-    pub nodata: u64,
-    sum: f64,
+    range: Option<(f64, f64)>,
+    tally: Tally,
     /// Counts of each 8- or 16-bit value, in ascending order.
     bins: Vec<u64>,
     /// Counts of 32-bit values.
@@ -364,11 +358,7 @@ impl ChannelTotals {
         Self {
             voxel_type,
             range: None,
-            nan: 0,
-            positive_infinite: 0,
-            negative_infinite: 0,
-            nodata: 0,
-            sum: 0.0,
+            tally: Tally::default(),
             bins: vec![0; Self::bins(voxel_type)],
             values: ValueCounts::new(voxel_type),
         }
@@ -406,8 +396,9 @@ impl ChannelTotals {
     /// Appends all counts to a list of words, for [`ChannelTotals::from_words`].
     pub(crate) fn to_words(&self, words: &mut Vec<u64>) {
         let (low, high) = self.range.unwrap_or((f64::INFINITY, f64::NEG_INFINITY));
-        words.extend([low, high, self.sum].map(f64::to_bits));
-        words.extend([self.nan, self.positive_infinite, self.negative_infinite, self.nodata]);
+        let Tally { sum, nan, positive_infinite, negative_infinite, nodata } = self.tally;
+        words.extend([low, high, sum].map(f64::to_bits));
+        words.extend([nan, positive_infinite, negative_infinite, nodata]);
         let bins = (0..).zip(&self.bins).filter(|(_, count)| **count > 0).map(|(bin, count)| (bin, *count));
         let Classes { shift, counts } = self.values.classes_of_ordinals();
         let counts: Vec<(i64, u64)> = bins.chain(counts.iter().copied()).collect();
@@ -422,8 +413,8 @@ impl ChannelTotals {
         let [nan, positive_infinite, negative_infinite, nodata, shift, length] =
             [next()?, next()?, next()?, next()?, next()?, next()?];
         let range = (low <= high).then_some((low, high));
-        let empty = Self::new(voxel_type);
-        let mut totals = Self { range, nan, positive_infinite, negative_infinite, nodata, sum, ..empty };
+        let tally = Tally { sum, nan, positive_infinite, negative_infinite, nodata };
+        let mut totals = Self { range, tally, ..Self::new(voxel_type) };
         let mut counts = Vec::new();
         for _ in 0..length {
             counts.push((next()? as i64, next()?));
@@ -441,29 +432,29 @@ impl ChannelTotals {
     /// Whether both are totals of the same voxels, up to the order of summation, which affects a float sum's last
     /// digits.
     pub(crate) fn is_near(&self, other: &Self) -> bool {
-        let voxels = (self.valid() + self.non_finite() + self.nodata).max(1) as f64;
+        let voxels = (self.valid() + self.non_finite() + self.nodata()).max(1) as f64;
         let largest = self.range.map_or(0.0, |(low, high)| low.abs().max(high.abs()));
-        let is_same_but_sum = Self { sum: other.sum, ..self.clone() } == *other;
-        is_same_but_sum && (self.sum - other.sum).abs() <= 1e-9 * largest * voxels
+        let (sum, others) = (self.tally.sum, other.tally.sum);
+        let is_same_but_sum = Self { tally: Tally { sum: others, ..self.tally }, ..self.clone() } == *other;
+        is_same_but_sum && (sum - others).abs() <= 1e-9 * largest * voxels
     }
 
     pub(crate) fn add_tally(&mut self, tally: &Tally) {
-        self.sum += tally.sum;
-        self.nan += tally.nan;
-        self.positive_infinite += tally.positive_infinite;
-        self.negative_infinite += tally.negative_infinite;
-        self.nodata += tally.nodata;
+        self.tally.add(tally);
     }
 
     pub(crate) fn add_range(&mut self, range: Option<(f64, f64)>) {
-        self.range = match (self.range, range) {
-            (Some(a), Some(b)) => Some((a.0.min(b.0), a.1.max(b.1))),
-            (a, b) => a.or(b),
-        };
+        self.range = join(self.range, range);
     }
 
+    /// Number of NaN and infinite voxels.
     pub(crate) fn non_finite(&self) -> u64 {
-        self.nan + self.positive_infinite + self.negative_infinite
+        self.tally.nan + self.tally.positive_infinite + self.tally.negative_infinite
+    }
+
+    /// Number of no-data voxels.
+    pub(crate) fn nodata(&self) -> u64 {
+        self.tally.nodata
     }
 
     fn valid(&self) -> u64 {
@@ -478,7 +469,7 @@ impl ChannelTotals {
             let low = self.voxel_type.limits().0 as i128;
             self.bins.iter().enumerate().map(|(i, &n)| (low + i as i128) * n as i128).sum::<i128>() as f64
         } else {
-            self.sum
+            self.tally.sum
         };
         (valid > 0).then(|| sum / valid as f64)
     }
@@ -544,10 +535,10 @@ impl ChannelTotals {
         ChannelStatistics {
             range: range.into(),
             count: self.valid(),
-            nan: self.nan,
-            pos_inf: self.positive_infinite,
-            neg_inf: self.negative_infinite,
-            nodata: self.nodata,
+            nan: self.tally.nan,
+            pos_inf: self.tally.positive_infinite,
+            neg_inf: self.tally.negative_infinite,
+            nodata: self.tally.nodata,
             mean: self.mean().unwrap_or_default(),
             percentiles,
             histogram: self.histogram(range),
@@ -611,7 +602,7 @@ mod tests {
         let mut values: Vec<f32> = (1..=1000).map(|i| i as f32 - 500.5).collect();
         values.extend([nan, inf, inf, -inf]);
         let s = channel(&values);
-        assert_eq!((s.nan, s.positive_infinite, s.negative_infinite, s.valid()), (1, 2, 1, 1000));
+        assert_eq!((s.tally.nan, s.tally.positive_infinite, s.tally.negative_infinite, s.valid()), (1, 2, 1, 1000));
         assert_eq!((s.range, s.mean()), (Some((-499.5, 499.5)), Some(0.0)));
         for percent in [1, 25, 60, 99] {
             assert_eq!(s.percentile(100 * percent), Some(percent as f64 * 10.0 - 500.5), "{percent}");

@@ -12,11 +12,11 @@ use crate::inside;
 use crate::json::{parse_json, read_json};
 use crate::layout::{JOURNAL_NAME, Layout, journal_percent};
 use crate::metadata::{
-    ChannelDisplay, ChannelStatistics, OTHERS_STORE, Steps, StoreInfo, apron_document, check_array, level_document,
-    parse_displays, parse_geometry, parse_info, parse_label_colors, parse_layout, parse_placement,
+    ChannelDisplay, ChannelStatistics, OTHERS_STORE, StoreInfo, check_array, parse_displays, parse_geometry,
+    parse_info, parse_label_colors, parse_layout, parse_placement,
 };
 use crate::shard_file::IoMode;
-use crate::side::{RangePage, SideArray, SidePages, level_arrays};
+use crate::side::{RangePage, SidePages, array_documents};
 use crate::time::parse_time;
 use brickyard_volume::{
     Apron, BrickId, BrickIndex, Geometry, LabelColor, Level, Occupancy, OccupancyBins, PageId, Placement, Pyramid,
@@ -136,35 +136,29 @@ impl Store {
         let geometry = parse_geometry(&root_path, &root, &layout)?;
         let placement = parse_placement(&root_path, &info, &geometry)?;
         let time = parse_time(&root_path, &root, &layout, info.time.as_ref())?;
-        let steps = Steps::of(&info);
-        for k in 0..layout.pyramid.levels().len() {
-            let level = Level(k as u8);
-            let document_path = path.join(layout.level_path(level)).join("zarr.json");
-            let document = read_json(folder, &document_path)?;
-            check_array(&document_path, &level_document(&layout, level, &info), &document, steps)?;
-            let arrays = level_arrays(path, &layout, level, info.voxel_type);
-            arrays.iter().try_for_each(|array| array.check(folder, steps))?;
+        for level in layout.levels() {
+            for (path, expected) in array_documents(path, &layout, level, &info) {
+                check_array(&path, &expected, &read_json(folder, &path)?, info.times.is_some())?;
+            }
         }
-        let displays = parse_displays(&root, &info);
-        let label_colors = parse_label_colors(&root);
-        let aprons = open_aprons(folder, &layout, &info, mode)?;
+        let aprons = info.apron().map(|apron| {
+            let codec = BrickCodec::of_aprons(info.codec, info.voxel_type, apron);
+            Chunks::new(folder, layout.of_aprons(), codec, mode)
+        });
         let codec = BrickCodec::new(info.codec, info.voxel_type, info.edge);
-        let root_hash = hash(text);
-        let sides = SidePages::new(folder, &layout, info.voxel_type);
-        let cores = Chunks::new(folder, layout, codec, mode);
         Ok(Self {
             folder: folder.clone(),
             mode,
-            root_hash,
+            root_hash: hash(text),
             geometry,
             placement,
             time,
-            info,
-            displays,
-            label_colors,
-            sides,
-            cores,
+            displays: parse_displays(&root, &info),
+            label_colors: parse_label_colors(&root),
+            sides: SidePages::new(folder, &layout, info.voxel_type),
+            cores: Chunks::new(folder, layout, codec, mode),
             aprons,
+            info,
         })
     }
 
@@ -217,7 +211,7 @@ impl Store {
 
     /// The error for a store gone from its path.
     pub fn replaced(&self) -> OpenError {
-        OpenError::Replaced { store: self.path().into() }
+        self.folder.replaced()
     }
 
     pub(crate) fn folder(&self) -> &Arc<Folder> {
@@ -387,10 +381,7 @@ impl Store {
     /// Requests read-ahead of these bricks and their stored aprons, opening their shards if needed. Shards that fail to
     /// open are reported by the read.
     pub fn advise(&self, ids: &[BrickId]) {
-        self.cores.advise(ids);
-        if let Some(aprons) = &self.aprons {
-            aprons.advise(ids);
-        }
+        self.chunks().for_each(|chunks| chunks.advise(ids));
     }
 
     /// Decodes a brick's core, `edge`^3 little-endian voxels, x fastest, into `out`. Absent bricks are all zero. Voxels
@@ -429,14 +420,16 @@ impl Store {
     /// If a page of fingerprints is unreadable or damaged.
     pub fn apron_file_bytes(&self) -> Result<u64, ReadError> {
         let Some(aprons) = &self.aprons else { return Ok(0) };
-        let levels = (0..self.pyramid().levels().len()).map(|k| Level(k as u8));
-        let pages = levels.flat_map(|level| (0..aprons.fingerprint_pages(level)).map(move |page| (level, page)));
+        let pages = self
+            .layout()
+            .levels()
+            .flat_map(|level| (0..aprons.fingerprint_pages(level)).map(move |page| (level, page)));
         pages.map(|(level, page)| Ok(aprons.files_of_page(level, page)?.1)).sum()
     }
 
     /// Encoded bytes of bricks and aprons read since opening, including repeated and damaged ones.
     pub fn bytes_read(&self) -> u64 {
-        self.cores.bytes_read() + self.aprons.as_ref().map_or(0, Chunks::bytes_read)
+        self.chunks().map(Chunks::bytes_read).sum()
     }
 
     /// Whether the brick's core is stored. Absent cores are all zero.
@@ -512,27 +505,6 @@ impl Store {
     }
 }
 
-/// Opens and checks the stored aprons, if any.
-fn open_aprons(
-    folder: &Arc<Folder>,
-    layout: &Layout,
-    info: &StoreInfo,
-    mode: IoMode,
-) -> Result<Option<Chunks>, OpenError> {
-    let Some(apron) = info.apron() else { return Ok(None) };
-    let path = folder.path();
-    let layout = layout.of_aprons();
-    for k in 0..layout.pyramid.levels().len() {
-        let level = Level(k as u8);
-        let document_path = path.join(layout.level_path(level)).join("zarr.json");
-        let document = read_json(folder, &document_path)?;
-        check_array(&document_path, &apron_document(&layout, level, apron, info), &document, Steps::of(info))?;
-        SideArray::fingerprints(path, &layout, level).check(folder, Steps::of(info))?;
-    }
-    let codec = BrickCodec::of_aprons(info.codec, info.voxel_type, apron);
-    Ok(Some(Chunks::new(folder, layout, codec, mode)))
-}
-
 /// Bricks of `edge`^3 voxels overlapping a box, x fastest.
 pub(crate) fn bricks_of(region: VoxelBox, edge: u32) -> impl Iterator<Item = BrickIndex> {
     let first = region.min.to_array().map(|v| v / edge);
@@ -543,6 +515,12 @@ pub(crate) fn bricks_of(region: VoxelBox, edge: u32) -> impl Iterator<Item = Bri
             (first[1]..end[1]).flat_map(move |y| (first[0]..end[0]).map(move |x| BrickIndex::new(x, y, z)))
         })
         .filter(move |_| !empty)
+}
+
+/// Grows a box by `by` cells on each side, within another.
+pub(crate) fn grown(region: VoxelBox, by: u32, within: VoxelBox) -> VoxelBox {
+    let min = region.min.to_array().map(|v| v.saturating_sub(by));
+    VoxelBox::new(min, region.max.to_array().map(|v| v.saturating_add(by))).intersect(within)
 }
 
 fn hash(text: &[u8]) -> u64 {

@@ -6,11 +6,12 @@ use crate::downsample::Downsample;
 use crate::error::OpenError;
 use crate::folder::Folder;
 use crate::layout::{Layout, ShardId};
-use crate::metadata::{ChannelStatistics, Kind, StoreInfo, document_bytes, level_document, root_document};
+use crate::metadata::{ChannelStatistics, Kind, StoreInfo, document_bytes, root_document};
 use crate::scratch::Scratch;
 use crate::shard::{BrickRange, Fingerprint, encode_index};
-use crate::side::{PageFiles, SideArray, core_hash, level_arrays};
+use crate::side::{PageFiles, SideArray, array_documents, core_hash, level_arrays};
 use crate::stats::{ChannelTotals, Counter, Measure, Tally};
+use crate::store::grown;
 use crate::version::FORMAT_VERSION;
 use brickyard_volume::{
     BrickId, Extent, Geometry, Level, PageId, Pyramid, TimeAxis, Voxel, VoxelBox, VoxelType, with_voxel_type,
@@ -114,15 +115,14 @@ impl TestStore {
         for (id, brick) in &mut bricks {
             brick.hash = core_hash(&core(*id));
         }
-        for shard in (0..layout.pyramid.levels().len()).flat_map(|k| layout.shards(Level(k as u8))) {
+        for shard in layout.levels().flat_map(|level| layout.shards(level)) {
             shards.insert(shard, self.write_shard(store, &layout, shard, core));
         }
-        for k in 0..layout.pyramid.levels().len() {
-            let level = Level(k as u8);
+        for level in layout.levels() {
             let [ranges, hashes, fingerprints] = level_arrays(store, &layout, level, self.voxel_type);
             let pages =
                 |array: &SideArray| (0..array.page_count()).map(|i| array.page_at(level, i)).collect::<Vec<_>>();
-            let mut files = [&ranges, &hashes, &fingerprints].map(SideArray::document_file).to_vec();
+            let mut files = Vec::new();
             let mut begun = PageFiles::default();
             for page in pages(&ranges) {
                 let [mut of_ranges, mut of_hashes] = [&ranges, &hashes].map(|array| vec![0; array.page_bytes()]);
@@ -146,26 +146,22 @@ impl TestStore {
                 files.push(fingerprints.page_file(page, bytemuck::cast_slice(&of_shards)));
             }
             files.iter().for_each(|(path, bytes)| write_file(path, bytes));
-            let document = level_document(&layout, level, &info);
-            write_file(&store.join(k.to_string()).join("zarr.json"), &document_bytes(&document));
         }
-        write_file(&store.join("zarr.json"), &document_bytes(&root_document(&layout, &self.geometry(), &info)));
+        self.write_documents_of(store, &info);
     }
 
     /// Writes only the documents of a store of zeros, which suffice for opening.
     pub(crate) fn write_documents(&self, store: &Path) {
-        let layout = self.layout();
         let channels =
             with_voxel_type!(self.voxel_type, T => vec![channel_statistics::<T>(&[0.0]); self.channels as usize]);
-        let info = self.info_with(channels);
-        for k in 0..layout.pyramid.levels().len() {
-            let level = Level(k as u8);
-            let arrays = level_arrays(store, &layout, level, self.voxel_type);
-            arrays.iter().map(SideArray::document_file).for_each(|(path, bytes)| write_file(&path, &bytes));
-            let document = level_document(&layout, level, &info);
-            write_file(&store.join(k.to_string()).join("zarr.json"), &document_bytes(&document));
-        }
-        write_file(&store.join("zarr.json"), &document_bytes(&root_document(&layout, &self.geometry(), &info)));
+        self.write_documents_of(store, &self.info_with(channels));
+    }
+
+    fn write_documents_of(&self, store: &Path, info: &StoreInfo) {
+        let layout = self.layout();
+        let of_levels = layout.levels().flat_map(|level| array_documents(store, &layout, level, info));
+        let root = (store.join("zarr.json"), root_document(&layout, &self.geometry(), info));
+        of_levels.chain([root]).for_each(|(path, document)| write_file(&path, &document_bytes(&document)));
     }
 
     fn info(&self, value: &impl Fn(u32, u32, [u32; 3]) -> f64) -> StoreInfo {
@@ -220,12 +216,7 @@ impl TestStore {
         for index in voxels(grid.bricks.full_box()).map(brickyard_volume::BrickIndex::from_array) {
             let id = BrickId { time, channel, level, index };
             let core = layout.pyramid.brick_box(level, index);
-            let n = grid.extent.to_array();
-            let max = core.max.to_array();
-            let padded = VoxelBox::new(
-                core.min.to_array().map(|v| v.saturating_sub(1)),
-                std::array::from_fn(|a| (max[a] + 1).min(n[a])),
-            );
+            let padded = grown(core, 1, grid.extent.full_box());
             let (mut core, mut reach) = (range(core), range(padded));
             for child in layout.pyramid.children(level, index) {
                 let child = bricks[&BrickId { level: Level(level.0 - 1), index: child, ..id }];

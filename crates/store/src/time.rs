@@ -55,11 +55,10 @@ pub(crate) fn parse_time(
         let start = number("translation", "a number", |_| true)?;
         let (first_step, first_start) = *first.get_or_insert((step, start));
         let is_near = |a: f64, b: f64| (a - b).abs() <= TOLERANCE * first_step.max(a.abs()).max(b.abs());
-        if !is_near(step, first_step) {
-            return Err(OpenError::invalid(path, field("scale"), format!("{first_step}, as of level 0"), step));
-        }
-        if !is_near(start, first_start) {
-            return Err(OpenError::invalid(path, field("translation"), format!("{first_start}, as of level 0"), start));
+        for (kind, found, of_first) in [("scale", step, first_step), ("translation", start, first_start)] {
+            if !is_near(found, of_first) {
+                return Err(OpenError::invalid(path, field(kind), format!("{of_first}, as of level 0"), found));
+            }
         }
     }
     let (step, start) = first.unwrap_or(UNKNOWN);

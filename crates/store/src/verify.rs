@@ -12,6 +12,7 @@
 //! is short, blocks shrink, down to a brick, and then threads are reduced. Blocks without stored bricks are not
 //! examined voxel by voxel.
 
+mod block;
 pub(crate) mod documents;
 #[cfg(test)]
 mod tests;
@@ -19,16 +20,18 @@ mod tests;
 use crate::chunks::Chunks;
 use crate::counts::Counts;
 use crate::error::{OpenError, ReadError};
-use crate::layout::ShardId;
+use crate::layout::{ShardId, place_at};
 use crate::metadata::ChannelStatistics;
-use crate::nodata;
+use crate::mutex::lock;
 use crate::pack::brick::Workspace;
+use crate::pack::pool;
 use crate::shard::ShardIndex;
-use crate::side::{SideArray, core_hash, level_arrays};
-use crate::stats::{ChannelTotals, Measure, Range, Tally};
-use crate::store::{Store, bricks_of};
+use crate::side::{SideArray, level_arrays};
+use crate::stats::{ChannelTotals, Measure};
+use crate::store::Store;
+use block::{Block, BlockCheck, Buffers};
 use brickyard_import::is_of_process;
-use brickyard_volume::{Apron, BrickId, BrickIndex, Extent, Level, PageId, Pyramid, VoxelBox, with_voxel_type};
+use brickyard_volume::{BrickId, Extent, Level, Pyramid, VoxelBox, with_voxel_type};
 use rayon::prelude::*;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -53,6 +56,15 @@ impl std::fmt::Display for VerifyProblem {
             write!(f, "{brick}: ")?;
         }
         f.write_str(&self.what)
+    }
+}
+
+impl VerifyProblem {
+    /// The problem of a file in the words of an error, without the path in front.
+    fn of_file(path: PathBuf, error: &impl std::fmt::Display) -> Self {
+        let message = error.to_string();
+        let what = message.strip_prefix(&format!("{}: ", path.display())).unwrap_or(&message).to_owned();
+        Self { brick: None, path, what }
     }
 }
 
@@ -129,8 +141,7 @@ pub fn verify_within(
     let second = second.map(|method| store.reduced(method)).transpose()?;
     let views: Vec<Store> = std::iter::once(store).chain(second).collect();
     let (block_edge, threads) = block_edge(&views, memory_bytes, rayon::current_num_threads())?;
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
-    let pool = pool.map_err(|error| VerifyError::Threads(error.to_string()))?;
+    let pool = pool(threads).map_err(VerifyError::Threads)?;
     let verifier = Verifier::new(&views, &progress, block_edge);
     let report = pool.install(|| with_voxel_type!(views[0].voxel_type(), T => verifier.run::<T>()))?;
     // Each file of a vanished store would be a problem.
@@ -191,49 +202,6 @@ struct Verifier<'a> {
     unread: Mutex<BTreeSet<(PathBuf, Option<BrickId>)>>,
 }
 
-/// Bricks of a level read together.
-#[derive(Clone, Copy)]
-struct Block<'a> {
-    store: &'a Store,
-    time: u32,
-    channel: u32,
-    level: Level,
-    core: VoxelBox,
-}
-
-/// One thread's buffers.
-struct Buffers<T> {
-    workspace: Workspace<T>,
-    /// The block with its surroundings.
-    fine: Vec<T>,
-    /// The block's part of each next level; empty if unreadable.
-    coarse: Vec<Vec<T>>,
-    brick: Vec<u8>,
-    apron: Vec<u8>,
-    hashes: HashPage,
-}
-
-/// The last page of hashes used; empty at first.
-#[derive(Default)]
-struct HashPage(Option<(PageId, bool, Vec<u128>)>);
-
-impl HashPage {
-    fn stored(&mut self, store: &Store, id: BrickId) -> Result<u128, ReadError> {
-        let (page, place) = store.pyramid().page_of(id);
-        // Pages of two pyramids have the same ids.
-        let is_second = store.layout().second().is_some();
-        if let Some((of, second, hashes)) = &self.0
-            && (*of, *second) == (page, is_second)
-        {
-            return Ok(hashes[place]);
-        }
-        let hashes = store.read_hashes(page)?;
-        let stored = hashes[place];
-        self.0 = Some((page, is_second, hashes));
-        Ok(stored)
-    }
-}
-
 impl<'a> Verifier<'a> {
     fn new(views: &'a [Store], progress: &'a (dyn Fn(u64, u64) + Sync), block_edge: u32) -> Self {
         let totals = (0..views[0].channels()).map(|_| ChannelTotals::new(views[0].voxel_type())).collect();
@@ -263,8 +231,8 @@ impl<'a> Verifier<'a> {
 
     /// Checks the documents, and every shard's file and index.
     fn check_shards(&self) -> Result<VerifyReport, OpenError> {
-        let documents::Found { problems, edits } = documents::check(&self.views[0], self.levels())?;
-        let mut report = VerifyReport { bricks: self.brick_count(), problems, edits, ..VerifyReport::default() };
+        let of_documents = documents::check(&self.views[0], self.levels())?;
+        let mut report = VerifyReport { bricks: self.brick_count(), ..of_documents };
         for (store, level) in self.levels() {
             report.problems.par_extend(self.some(self.check_pages(store, level)));
             for chunks in store.chunks() {
@@ -291,37 +259,24 @@ impl<'a> Verifier<'a> {
     }
 
     fn check_bricks<T: Measure>(&self, report: &mut VerifyReport) {
-        let buffers = || self.buffers::<T>();
+        let buffers = || Buffers::<T>::new(self);
         let in_blocks = self.blocks().map_init(buffers, |b, block| self.check_block(b, block));
         let mut found: Vec<VerifyProblem> = self.some(in_blocks.flatten()).collect();
         // Neighbours' reads may report a brick first.
         found.sort_by_key(|problem| problem.brick.map(|id| (id.time, id.channel, id.level, id.index)));
-        report.problems.append(&mut found);
+        report.problems.extend(found);
         if !self.has_enough() && !self.level_0_unread.load(Ordering::Relaxed) {
             self.check_statistics(&mut report.problems);
-        }
-    }
-
-    fn check_hash(&self, hashes: &mut HashPage, store: &Store, id: BrickId, computed: u128) -> Option<VerifyProblem> {
-        match hashes.stored(store, id) {
-            Ok(stored) if stored == computed => None,
-            Ok(stored) => {
-                let what = format!("hashes: expected {computed:032x}, found {stored:032x}");
-                let path = store.layout().side_dir(store.path(), id.level).join("hashes");
-                Some(VerifyProblem { brick: Some(id), path, what })
-            }
-            Err(error) => self.unread(error),
         }
     }
 
     fn check_shard(&self, chunks: &Chunks, id: ShardId) -> Option<VerifyProblem> {
         let path = chunks.path(id);
         match chunks.shard(id) {
-            Ok(None) if chunks.has_file(id) => {
+            Ok(None) => {
                 let what = "unexpected file: the shard was packed without one (all fill value)".into();
-                Some(VerifyProblem { brick: None, path, what })
+                chunks.has_file(id).then_some(VerifyProblem { brick: None, path, what })
             }
-            Ok(None) => None,
             Ok(Some(shard)) => {
                 let brick = |slot| chunks.layout().brick_at(id, slot).map_or("one outside".into(), |id| id.to_string());
                 // The index was checked on opening the shard.
@@ -352,17 +307,13 @@ impl<'a> Verifier<'a> {
             let _ = self.barred.set(error);
             return None;
         }
-        let message = error.to_string();
-        let (brick, path, what) = match error {
-            ReadError::CorruptBrick { path, id, error } => (Some(id), path, error.to_string()),
-            other => {
-                let path = other.path().to_path_buf();
-                let what = documents::without_path(&message, &path);
-                (None, path, what)
+        let problem = match error {
+            ReadError::CorruptBrick { path, id, error } => {
+                VerifyProblem { brick: Some(id), path, what: error.to_string() }
             }
+            other => VerifyProblem::of_file(other.path().into(), &other),
         };
-        let mut unread = self.unread.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
-        unread.insert((path.clone(), brick)).then_some(VerifyProblem { brick, path, what })
+        lock(&self.unread).insert((problem.path.clone(), problem.brick)).then_some(problem)
     }
 
     /// The main pyramid's levels, then the second one's own.
@@ -393,20 +344,6 @@ impl<'a> Verifier<'a> {
         volumes * self.levels().map(bricks).sum::<u64>()
     }
 
-    fn buffers<T: Measure>(&self) -> Buffers<T> {
-        let workspace = Workspace::new(self.pyramid().edge() as usize, self.nodata());
-        let coarse = self.views.iter().map(|_| Vec::new()).collect();
-        let apron = vec![0; self.views[0].aprons().map_or(0, Chunks::chunk_bytes)];
-        Buffers {
-            workspace,
-            fine: Vec::new(),
-            coarse,
-            brick: vec![0; self.views[0].core_bytes()],
-            apron,
-            hashes: HashPage::default(),
-        }
-    }
-
     /// All blocks, in order.
     fn blocks(&self) -> impl ParallelIterator<Item = Block<'a>> {
         let edge = self.block_edge;
@@ -419,8 +356,8 @@ impl<'a> Verifier<'a> {
             // Blocks are whole bricks.
             let grid = Extent::from_array(whole.max.to_array().map(|n| n.div_ceil(edge)));
             (0..grid.volume()).into_par_iter().map(move |i| {
-                let (x, y) = (grid.x as u64, grid.y as u64);
-                let corner = [i % x, i / x % y, i / x / y].map(|i| i as u32 * edge);
+                let [_, _, z, y, x] = place_at(i, 1, grid);
+                let corner = [x, y, z].map(|i| i * edge);
                 let core = VoxelBox::new(corner, corner.map(|c| c.saturating_add(edge))).intersect(whole);
                 Block { store, time: volume / channels, channel: volume % channels, level, core }
             })
@@ -428,198 +365,19 @@ impl<'a> Verifier<'a> {
     }
 
     fn check_block<T: Measure>(&self, buffers: &mut Buffers<T>, block: Block<'a>) -> Vec<VerifyProblem> {
-        let mut problems = Vec::new();
         if self.has_enough() {
-            return problems;
+            return Vec::new();
         }
-        if !self.check_empty_block::<T>(buffers, block, &mut problems) {
-            let unread = self.read_block(buffers, block, &mut problems);
-            let mut tally = Tally::default();
-            for index in bricks_of(block.core, self.pyramid().edge()) {
-                if !unread.contains(&index) {
-                    self.check_brick(buffers, block, index, &unread, &mut tally, &mut problems);
-                }
-                if let Some(apron) = block.store.apron() {
-                    problems.extend(self.check_apron(buffers, block, index, apron, &unread));
-                }
-            }
-            if block.level == Level(0) {
-                let mut totals = self.totals.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
-                buffers.workspace.counter.drain_into(&mut totals[block.channel as usize]);
-                totals[block.channel as usize].add_tally(&tally);
-            }
-        }
-        let bricks = bricks_of(block.core, self.pyramid().edge()).count() as u64;
+        let problems = BlockCheck::new(self, buffers, block).run();
+        let bricks = block.bricks().count() as u64;
         let done = self.bricks_done.fetch_add(bricks, Ordering::Relaxed) + bricks;
         let core_bytes = block.store.core_bytes() as u64;
         (self.progress)(done * core_bytes, self.brick_count() * core_bytes);
         problems
     }
 
-    /// Checks a block with nothing stored in or around it, without reading; otherwise returns `false`.
-    fn check_empty_block<T: Measure>(
-        &self,
-        buffers: &mut Buffers<T>,
-        block: Block<'a>,
-        problems: &mut Vec<VerifyProblem>,
-    ) -> bool {
-        let edge = self.pyramid().edge();
-        let empty = |store: &Store, level, region| {
-            bricks_of(region, edge).all(|index| {
-                let id = BrickId { time: block.time, channel: block.channel, level, index };
-                store.chunks().all(|chunks| chunks.is_stored(id).is_ok_and(|stored| !stored))
-            })
-        };
-        let padded = self.read_box(block);
-        let mut coarser = self.coarser(block).iter();
-        if !empty(block.store, block.level, padded)
-            || !coarser.all(|store| empty(store, Level(block.level.0 + 1), self.coarse_box(block.level, block.core)))
-        {
-            return false;
-        }
-        let nodata = self.nodata::<T>();
-        let zero = nodata::range(&[T::default()], nodata);
-        buffers.brick.fill(0);
-        let fill = core_hash(&buffers.brick);
-        for index in bricks_of(block.core, edge) {
-            let checked = check_entry(block.store, block.brick(index), zero, Some(zero), problems);
-            problems.extend(checked.err().and_then(|error| self.unread(error)));
-            problems.extend(self.check_hash(&mut buffers.hashes, block.store, block.brick(index), fill));
-        }
-        if block.level == Level(0) {
-            let mut totals = self.totals.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
-            let totals = &mut totals[block.channel as usize];
-            let voxels = block.core.extent().volume();
-            if nodata == Some(T::default()) {
-                totals.add_tally(&Tally { nodata: voxels, ..Tally::default() });
-            } else {
-                buffers.workspace.counter.constant(T::default(), voxels);
-                buffers.workspace.counter.drain_into(totals);
-            }
-            totals.add_range(zero.to_f64());
-        }
-        true
-    }
-
-    /// Fills the buffers with the block's voxels and returns the unreadable bricks.
-    fn read_block<T: Measure>(
-        &self,
-        buffers: &mut Buffers<T>,
-        block: Block<'a>,
-        problems: &mut Vec<VerifyProblem>,
-    ) -> BTreeSet<BrickIndex> {
-        let (store, region) = (block.store, self.read_box(block));
-        let edge = self.pyramid().edge();
-        let mut unread = BTreeSet::new();
-        buffers.fine.resize(region.extent().volume() as usize, T::default());
-        for index in bricks_of(region, edge) {
-            let id = block.brick(index);
-            match store.read_core(id, &mut buffers.brick) {
-                Ok(()) => {
-                    let is_own = !block.core.intersect(self.pyramid().brick_box(block.level, index)).is_empty();
-                    if is_own {
-                        let hash = core_hash(&buffers.brick);
-                        problems.extend(self.check_hash(&mut buffers.hashes, store, id, hash));
-                    }
-                    store.copy_rows(index, &buffers.brick, region, bytemuck::cast_slice_mut(&mut buffers.fine));
-                }
-                Err(error) => {
-                    unread.insert(index);
-                    self.level_0_unread.fetch_or(block.level == Level(0), Ordering::Relaxed);
-                    problems.extend(self.unread(error));
-                }
-            }
-        }
-        for (store, coarse) in self.coarser(block).iter().zip(&mut buffers.coarse) {
-            let region = self.coarse_box(block.level, block.core);
-            coarse.resize(region.extent().volume() as usize, T::default());
-            let bytes = bytemuck::cast_slice_mut(coarse);
-            if let Err(error) = store.read_box(block.time, block.channel, Level(block.level.0 + 1), region, bytes) {
-                problems.extend(self.unread(error));
-                coarse.clear();
-            }
-        }
-        unread
-    }
-
-    fn check_brick<T: Measure>(
-        &self,
-        buffers: &mut Buffers<T>,
-        block: Block<'a>,
-        index: BrickIndex,
-        unread: &BTreeSet<BrickIndex>,
-        tally: &mut Tally,
-        problems: &mut Vec<VerifyProblem>,
-    ) {
-        let (store, id) = (block.store, block.brick(index));
-        let core = self.pyramid().brick_box(id.level, index);
-        let fine_box = self.read_box(block);
-        let shape = core.extent().to_array().map(|n| n as usize);
-        copy_box(&buffers.fine, fine_box, core, buffers.workspace.core_mut(0));
-        buffers.workspace.spread(0, shape);
-        let summary = buffers.workspace.digest(0, shape, id.level == Level(0));
-        tally.add(&summary.tally);
-        if id.level == Level(0) {
-            let mut totals = self.totals.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
-            totals[id.channel as usize].add_range(summary.parts.whole().to_f64());
-        }
-        let padded = self.grown(id.level, core, 1);
-        let neighbours_read = bricks_of(padded, self.pyramid().edge()).all(|i| !unread.contains(&i));
-        let reach = neighbours_read.then(|| range_of_box(&buffers.fine, fine_box, padded, self.nodata()));
-        let checked = check_entry(store, id, summary.parts.whole(), reach, problems);
-        problems.extend(checked.err().and_then(|error| self.unread(error)));
-        for (store, coarse) in self.coarser(block).iter().zip(&buffers.coarse).filter(|(_, coarse)| !coarse.is_empty())
-        {
-            let (region, whole) = (self.coarse_box(id.level, core), self.coarse_box(id.level, block.core));
-            let factor = self.factor(id.level).map(|f| f as usize);
-            buffers.workspace.reduce(0, shape, factor, store.downsample());
-            let wrong = count_differences(&buffers.workspace.coarse, region, coarse, whole);
-            if wrong > 0 {
-                let parent = self.pyramid().parent(id.level, index).unwrap_or(index);
-                let parent = BrickId { level: Level(id.level.0 + 1), index: parent, ..id };
-                let (method, count) = (store.downsample().name(), region.extent().volume());
-                let what = format!("{wrong} of {count} voxels differ from the {method} of brick {id}");
-                problems.push(VerifyProblem { brick: Some(parent), path: shard_path(store, parent), what });
-            }
-        }
-    }
-
-    /// Compares a brick's stored apron with the voxels around its core.
-    fn check_apron<T: Measure>(
-        &self,
-        buffers: &mut Buffers<T>,
-        block: Block<'a>,
-        index: BrickIndex,
-        apron: Apron,
-        unread: &BTreeSet<BrickIndex>,
-    ) -> Option<VerifyProblem> {
-        let id = block.brick(index);
-        let core = self.pyramid().brick_box(id.level, index);
-        if let Err(error) = block.store.read_apron(id, &mut buffers.apron) {
-            return self.unread(error);
-        }
-        let around = self.grown(id.level, core, apron.width);
-        if bricks_of(around, self.pyramid().edge()).any(|i| unread.contains(&i)) {
-            return None;
-        }
-        let whole = self.read_box(block);
-        let (origin, extent) = (whole.min.to_array(), whole.extent());
-        let last = self.pyramid().level(id.level).extent.to_array().map(|n| n - 1);
-        let corner = core.min.to_array();
-        let is_right = |at: [u32; 3], found: &[u8]| {
-            let voxel: [u32; 3] = std::array::from_fn(|a| (corner[a] + at[a]).saturating_sub(apron.width).min(last[a]));
-            let voxel = extent.linear(std::array::from_fn(|a| voxel[a] - origin[a])) as usize;
-            bytemuck::bytes_of(&buffers.fine[voxel]) == found
-        };
-        let places = apron.slabs().into_iter().flat_map(|slab| bricks_of(slab, 1));
-        let found = places.zip(buffers.apron.chunks_exact(size_of::<T>()));
-        let wrong = found.filter(|(at, voxel)| !is_right(at.to_array(), voxel)).count();
-        let what = format!("{wrong} of the apron's {} voxels differ from those around the core", apron.voxels());
-        (wrong > 0).then(|| VerifyProblem { brick: Some(id), path: apron_path(block.store, id), what })
-    }
-
     fn check_statistics(&self, problems: &mut Vec<VerifyProblem>) {
-        let totals = self.totals.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+        let totals = lock(&self.totals);
         problems.extend(check_counts(&self.views[0], &totals));
         for (c, (totals, stored)) in totals.iter().zip(&self.views[0].info().channels).enumerate() {
             let mut computed = totals.finish();
@@ -639,52 +397,18 @@ impl<'a> Verifier<'a> {
         }
     }
 
-    /// A block's voxels, with their surroundings for ranges and aprons.
-    fn read_box(&self, block: Block<'a>) -> VoxelBox {
-        self.grown(block.level, block.core, block.store.apron().map_or(1, |apron| apron.width))
-    }
-
-    /// Grows a box by `by` voxels on each side, within the level.
-    fn grown(&self, level: Level, region: VoxelBox, by: u32) -> VoxelBox {
-        let grown = VoxelBox::new(
-            region.min.to_array().map(|v| v.saturating_sub(by)),
-            region.max.to_array().map(|v| v.saturating_add(by)),
-        );
-        grown.intersect(self.pyramid().level(level).extent.full_box())
-    }
-
     /// The value marking voxels without data.
     fn nodata<T: Measure>(&self) -> Option<T> {
         self.views[0].info().nodata.map(|nodata| T::from_f64_rounded(nodata as f64))
-    }
-
-    /// Voxels of a level per voxel of the next.
-    fn factor(&self, level: Level) -> [u32; 3] {
-        let factor = |k: u8| self.pyramid().level(Level(k)).factor;
-        let (fine, coarse) = (factor(level.0), factor(level.0 + 1));
-        std::array::from_fn(|a| coarse[a] / fine[a])
-    }
-
-    /// The box of whole bricks on the next level, which must exist.
-    fn coarse_box(&self, level: Level, region: VoxelBox) -> VoxelBox {
-        let factor = self.factor(level);
-        let (min, max) = (region.min.to_array(), region.max.to_array());
-        VoxelBox::new(std::array::from_fn(|a| min[a] / factor[a]), std::array::from_fn(|a| max[a].div_ceil(factor[a])))
-    }
-}
-
-impl Block<'_> {
-    fn brick(&self, index: BrickIndex) -> BrickId {
-        BrickId { time: self.time, channel: self.channel, level: self.level, index }
     }
 }
 
 /// Checks the value counts of a store with appended steps.
 fn check_counts(store: &Store, totals: &[ChannelTotals]) -> Option<VerifyProblem> {
     let times = store.info().times?;
-    let counts = Counts::of(store.path(), store.layout());
+    let counts = Counts::of(store);
     let problem = |path: PathBuf, what: String| Some(VerifyProblem { brick: None, path, what });
-    match counts.read(store.folder(), times, store.channels(), store.voxel_type()) {
+    match counts.read(store, times) {
         Ok(Some(kept)) => {
             let wrong = kept.iter().zip(totals).position(|(kept, counted)| !kept.is_near(counted))?;
             problem(counts.dir(times).join(wrong.to_string()), "the counts differ from the channel's values".into())
@@ -692,94 +416,8 @@ fn check_counts(store: &Store, totals: &[ChannelTotals]) -> Option<VerifyProblem
         // Another append may have replaced them.
         Ok(None) | Err(_) if store.newer().is_ok_and(|newer| newer.is_some()) => None,
         Ok(None) => problem(counts.dir(times), "missing".into()),
-        Err(error) => {
-            let path = error.path().to_path_buf();
-            let what = documents::without_path(&error.to_string(), &path);
-            problem(path, what)
-        }
+        Err(error) => Some(VerifyProblem::of_file(error.path().into(), &error)),
     }
-}
-
-/// Compares a brick's stored ranges with its voxels and its children's ranges.
-fn check_entry<T: Measure>(
-    store: &Store,
-    id: BrickId,
-    core: Range<T>,
-    reach: Option<Range<T>>,
-    problems: &mut Vec<VerifyProblem>,
-) -> Result<(), ReadError> {
-    let (page, place) = store.sides().ranges_of(id)?;
-    let (mut core, mut reach) = (core.to_f64(), reach.map(Range::to_f64));
-    for child in store.pyramid().children(id.level, id.index) {
-        let child = BrickId { level: Level(id.level.0 - 1), index: child, ..id };
-        let (page, place) = store.sides().ranges_of(child)?;
-        core = join(core, page.core(place));
-        reach = reach.map(|reach| join(reach, page.reach(place)));
-    }
-    let checked = [("core", Some(core), page.core(place)), ("core and its surroundings", reach, page.reach(place))];
-    for (of, computed, stored) in checked {
-        if let Some(computed) = computed.filter(|computed| *computed != stored) {
-            let show = |r: Option<(f64, f64)>| r.map_or("none".into(), |(low, high)| format!("{low} to {high}"));
-            let path = store.layout().side_dir(store.path(), id.level).join("ranges");
-            let what = format!("range of the {of}: expected {}, found {}", show(computed), show(stored));
-            problems.push(VerifyProblem { brick: Some(id), path, what });
-        }
-    }
-    Ok(())
-}
-
-fn join(a: Option<(f64, f64)>, b: Option<(f64, f64)>) -> Option<(f64, f64)> {
-    match (a, b) {
-        (Some(a), Some(b)) => Some((a.0.min(b.0), a.1.max(b.1))),
-        (a, b) => a.or(b),
-    }
-}
-
-fn shard_path(store: &Store, id: BrickId) -> PathBuf {
-    store.layout().shard_path(store.path(), store.layout().shard_of(id).0)
-}
-
-fn apron_path(store: &Store, id: BrickId) -> PathBuf {
-    let layout = store.layout().of_aprons();
-    layout.shard_path(store.path(), layout.shard_of(id).0)
-}
-
-/// The rows of `part` in an array of the box `whole`.
-fn rows(part: VoxelBox, whole: VoxelBox) -> impl Iterator<Item = std::ops::Range<usize>> {
-    let extent: Extent = whole.extent();
-    let origin = whole.min.to_array();
-    let nx = part.extent().x as usize;
-    (part.min.z..part.max.z).flat_map(move |z| {
-        (part.min.y..part.max.y).map(move |y| {
-            let start = extent.linear([part.min.x - origin[0], y - origin[1], z - origin[2]]) as usize;
-            start..start + nx
-        })
-    })
-}
-
-/// The range of `part` in an array of the box `whole`, without `nodata` voxels: computed directly, rather than combined
-/// from neighbours as in packing.
-fn range_of_box<T: Measure>(array: &[T], whole: VoxelBox, part: VoxelBox, nodata: Option<T>) -> Range<T> {
-    rows(part, whole).fold(T::EMPTY, |range, row| range.join(nodata::range(&array[row], nodata)))
-}
-
-/// Copies `part` from an array of the box `whole` to the start of `out`, packed.
-fn copy_box<T: Copy>(array: &[T], whole: VoxelBox, part: VoxelBox, out: &mut [T]) {
-    let nx = part.extent().x as usize;
-    for (out, row) in out.chunks_exact_mut(nx).zip(rows(part, whole)) {
-        out.copy_from_slice(&array[row]);
-    }
-}
-
-/// Number of voxels with different bits in packed `expected` and `part` of `array`.
-fn count_differences<T: Measure>(expected: &[T], part: VoxelBox, array: &[T], whole: VoxelBox) -> usize {
-    let nx = part.extent().x as usize;
-    let in_row = |(row, range): (&[T], std::ops::Range<usize>)| {
-        let (row, found) = (bytemuck::cast_slice::<T, u8>(row), bytemuck::cast_slice::<T, u8>(&array[range]));
-        let voxels = |bytes| <[u8]>::chunks_exact(bytes, size_of::<T>());
-        if row == found { 0 } else { voxels(row).zip(voxels(found)).filter(|(a, b)| a != b).count() }
-    };
-    expected.chunks_exact(nx).zip(rows(part, whole)).map(in_row).sum()
 }
 
 /// The first differing field.

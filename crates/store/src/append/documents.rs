@@ -4,9 +4,9 @@ use crate::counts::Counts;
 use crate::error::OpenError;
 use crate::folder::Folder;
 use crate::json::read_json;
-use crate::layout::Layout;
 use crate::pack::disk::temporary;
-use crate::side::{SideArray, level_arrays};
+use crate::pack::output::parent;
+use crate::side::array_documents;
 use crate::store::Store;
 use brickyard_volume::Level;
 use serde_json::{Value, json};
@@ -14,18 +14,13 @@ use std::path::{Path, PathBuf};
 
 /// Folders of all arrays, in the order of gaining a step: coarse levels first, side data before its level.
 pub(super) fn array_dirs(store: &Store) -> Vec<PathBuf> {
-    let (path, main, info) = (store.path(), store.layout(), store.info());
+    let (main, info) = (store.layout(), store.info());
     let second = info.downsample.second().map(|method| main.of_second(method));
     let mut dirs = Vec::new();
-    for level in (0..main.pyramid.levels().len()).rev().map(|k| Level(k as u8)) {
+    for level in main.levels().rev() {
         for layout in second.iter().filter(|_| level > Level(0)).chain([main]) {
-            let dir = |layout: &Layout| path.join(layout.level_path(level));
-            if info.apron().is_some() {
-                let aprons = layout.of_aprons();
-                dirs.extend([SideArray::fingerprints(path, &aprons, level).dir().into(), dir(&aprons)]);
-            }
-            dirs.extend(level_arrays(path, layout, level, info.voxel_type).map(|array| array.dir().into()));
-            dirs.push(dir(layout));
+            let documents = array_documents(store.path(), layout, level, info);
+            dirs.extend(documents.iter().rev().map(|(path, _)| parent(path).to_path_buf()));
         }
     }
     dirs
@@ -52,7 +47,7 @@ pub(crate) fn foreign_steps(store: &Store) -> Result<Option<(PathBuf, u64)>, Ope
     }
     // The power may have failed before all names were durable.
     let is_renamed = |path: &PathBuf| Ok(is_there(&temporary(path)) || steps(path)? == next);
-    let counts = Counts::of(store.path(), store.layout()).dir(store.times().saturating_add(1));
+    let counts = Counts::of(store).dir(store.times().saturating_add(1));
     let is_cut_off = found == next && is_there(&counts) && !is_there(&temporary(&finest));
     let others: Vec<bool> = documents.iter().map(is_renamed).collect::<Result<_, OpenError>>()?;
     Ok((!is_cut_off || others.contains(&false)).then_some((finest, found)))
@@ -83,39 +78,27 @@ pub(super) fn stale_groups(store: &Path) -> Vec<PathBuf> {
     groups.take_while(|(_, document)| document.is_file()).filter(has_gathered).map(|(_, document)| document).collect()
 }
 
-/// Precedence for a changed document.
-#[derive(Clone, Copy, PartialEq)]
-enum Owner {
-    /// The store's own part.
-    Ours,
-    /// Parts that other programs may edit.
-    Anybody,
-}
-
 /// Applies the changes from `old` to `new` to the root document found: everywhere in the store's own part, elsewhere
 /// only to unedited values. Keys absent from both stay.
 pub(super) fn update_root(old: &Value, new: &Value, found: &mut Value) {
-    update(old, new, found, Owner::Anybody);
-    update(
-        &old["attributes"]["brickyard"],
-        &new["attributes"]["brickyard"],
-        &mut found["attributes"]["brickyard"],
-        Owner::Ours,
-    );
+    update(old, new, found, false);
+    let [old, new] = [old, new].map(|document| &document["attributes"]["brickyard"]);
+    update(old, new, &mut found["attributes"]["brickyard"], true);
 }
 
-fn update(old: &Value, new: &Value, found: &mut Value, owner: Owner) {
+/// Applies changes to the store's own part (`is_ours`), or to one that other programs may edit.
+fn update(old: &Value, new: &Value, found: &mut Value, is_ours: bool) {
     match (new, &mut *found) {
         (Value::Object(new), Value::Object(found)) => {
             if let Some(old) = old.as_object() {
-                let is_theirs = |old: &Value, value: &Value| owner == Owner::Anybody && !is_same(old, value);
+                let is_theirs = |old: &Value, value: &Value| !is_ours && !is_same(old, value);
                 found
                     .retain(|key, value| new.contains_key(key) || old.get(key).is_none_or(|old| is_theirs(old, value)));
             }
             for (key, new) in new {
                 match found.get_mut(key) {
-                    Some(found) => update(&old[key], new, found, owner),
-                    None if owner == Owner::Ours || old.get(key).is_none() => {
+                    Some(found) => update(&old[key], new, found, is_ours),
+                    None if is_ours || old.get(key).is_none() => {
                         found.insert(key.clone(), new.clone());
                     }
                     // Somebody deleted it.
@@ -125,11 +108,11 @@ fn update(old: &Value, new: &Value, found: &mut Value, owner: Owner) {
         }
         (Value::Array(new), Value::Array(found)) if new.len() == found.len() => {
             for (i, (new, found)) in new.iter().zip(found).enumerate() {
-                update(&old[i], new, found, owner);
+                update(&old[i], new, found, is_ours);
             }
         }
         (_, found) => {
-            if owner == Owner::Ours || is_same(old, found) {
+            if is_ours || is_same(old, found) {
                 *found = new.clone();
             }
         }

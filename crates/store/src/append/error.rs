@@ -1,10 +1,9 @@
 //! Errors of appending.
 
 use crate::error::{OpenError, ReadError};
-use crate::pack::PackError;
+use crate::pack::{PackError, cure};
 use brickyard_import::ImportError;
 use brickyard_volume::counted;
-use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 /// Why a step was not appended, or, for [`AppendError::Appended`], the failure afterwards. The store keeps its former
@@ -19,7 +18,7 @@ pub enum AppendError {
     #[error(transparent)]
     Pack(#[from] PackError),
     /// The store is being packed, or about to be replaced by an unfinished pack.
-    #[error("{path}: is an unfinished pack; finish it with `resume`, and then append", path = path.display())]
+    #[error("{path}: is an unfinished pack; finish it with `resume`, and then append")]
     Unfinished {
         /// The directory of the unfinished pack: the store, or its replacement.
         path: PathBuf,
@@ -31,8 +30,7 @@ pub enum AppendError {
     /// The first step of a store was begun from another input, or with other settings.
     #[error(
         "{store}: its first step was begun differently: {difference}; append that step again to finish it, or remove \
-         {store} to start over",
-        store = store.display()
+         {store} to start over"
     )]
     Begun {
         /// The store.
@@ -41,16 +39,14 @@ pub enum AppendError {
         difference: String,
     },
     /// The store has a single volume, and no time axis for more.
-    #[error(
-        "{store}: has no time axis, so no step can be appended; pack its first step anew, with `time_step`", store = store.display()
-    )]
+    #[error("{store}: has no time axis, so no step can be appended; pack its first step anew, with `time_step`")]
     NoTime {
         /// The store.
         store: PathBuf,
     },
     /// The store's shards hold several time steps, only written together.
     #[error(
-        "{store}: has {steps} time steps in a shard, so no step can be appended; pack it anew with `shard_times` 1", store = store.display()
+        "{store}: has {steps} time steps in a shard, so no step can be appended; pack it anew with `shard_times` 1"
     )]
     Grouped {
         /// The store.
@@ -66,7 +62,7 @@ pub enum AppendError {
     },
     /// The step's volume differs from that of the store's steps.
     #[error(
-        "step {step}: its {what} is {found}, but in {steps} of {store} it is {expected}", store = store.display(),
+        "step {step}: its {what} is {found}, but in {steps} of {store} it is {expected}",
         steps = if *step == 1 { "step 0".to_owned() } else { format!("steps 0 to {}", step - 1) }
     )]
     Mismatch {
@@ -95,7 +91,7 @@ pub enum AppendError {
     #[error(transparent)]
     Read(#[from] ReadError),
     /// [`Progress::is_cancelled`](crate::Progress::is_cancelled) stopped the append.
-    #[error("cancelled; {store} has {}", steps(*times), store = store.display())]
+    #[error("cancelled; {store} has {}", steps(*times))]
     Cancelled {
         /// The store.
         store: PathBuf,
@@ -103,7 +99,7 @@ pub enum AppendError {
         times: u32,
     },
     /// The source failed midway.
-    #[error("{error}; {store} has {}: correct the input and append it again", steps(*times), store = store.display())]
+    #[error("{error}; {store} has {}: correct the input and append it again", steps(*times))]
     Source {
         /// The source's error.
         #[source]
@@ -115,8 +111,8 @@ pub enum AppendError {
     },
     /// A change to the file system failed, usually on a full disk.
     #[error(
-        "{path}: {error}; {store} has {}: {} and go on with step {times}", steps(*times), cure(error), path = path.display(),
-        store = store.display()
+        "{path}: {error}; {store} has {}: {} and go on with step {times}",
+        steps(*times), cure(error, None)
     )]
     Incomplete {
         /// The file being written.
@@ -131,8 +127,8 @@ pub enum AppendError {
     },
     /// A thread of the packer, or of the source, panicked.
     #[error(
-        "this program (or the reader of the input) has a fault: {words:?}; {store} has {}; please report this", steps(*times),
-        store = store.display()
+        "this program (or the reader of the input) has a fault: {words:?}; {store} has {}; please report this",
+        steps(*times)
     )]
     Panic {
         /// The panic's message.
@@ -144,10 +140,7 @@ pub enum AppendError {
     },
     /// The step is part of the store and visible to all: it must not be appended again. A later operation failed. A
     /// power failure may take the step until an [`Appender`](crate::Appender) opens the store without an error.
-    #[error(
-        "step {step} is in {store}: do not append it again; a power failure may still take it: {error}",
-        store = store.display()
-    )]
+    #[error("step {step} is in {store}: do not append it again; a power failure may still take it: {error}")]
     Appended {
         /// The store.
         store: PathBuf,
@@ -180,12 +173,4 @@ impl AppendError {
 
 fn steps(times: u32) -> String {
     counted(times.into(), "time step")
-}
-
-fn cure(error: &std::io::Error) -> &'static str {
-    match error.kind() {
-        ErrorKind::StorageFull | ErrorKind::QuotaExceeded => "make room",
-        ErrorKind::FileTooLarge => "raise the limit of file sizes (`ulimit -f`)",
-        _ => "see to that",
-    }
 }

@@ -2,8 +2,9 @@
 
 use super::*;
 use crate::downsample::Downsample;
-use crate::pack::pack;
+use crate::pack::tests::trial::Trial;
 use crate::pack::tests::{Array, assert_same, files, level_voxels, mean_and_max, options, value};
+use crate::pack::{PackPlan, pack};
 use crate::verify::{documents as written, verify};
 use brickyard_import::{Access, ImportError, SourceInfo};
 use brickyard_volume::{BrickId, BrickIndex, ChannelLook, Level, Orientation, Voxel, VoxelBox, VoxelType};
@@ -156,7 +157,7 @@ fn an_append_that_stops_anywhere_leaves_whole_steps_and_is_made_again() {
         let mut committed = 0;
         for moment in moments {
             write_files(&path, &before);
-            let disk = Disk { fuse: Some(AtomicI64::new(moment)), ..Disk::default() };
+            let disk = Trial::disk_of(moment);
             let stopped = Appender::open_on(disk, &path, few()).and_then(|mut appender| {
                 // Other voxels than the later ones: where the latter have nothing, no files may remain.
                 let other = byte_step(steps + 1 + moment as u32 % 3);
@@ -191,7 +192,7 @@ fn an_append_that_stops_anywhere_leaves_whole_steps_and_is_made_again() {
 fn changes_of_append(path: &Path, step: u32) -> i64 {
     let mut appender = Appender::open(path, few()).unwrap();
     appender.append(&byte_step(step), None, &()).unwrap();
-    let changes = appender.disk.log.lock().unwrap().len();
+    let changes = appender.disk.trial.log.lock().unwrap().len();
     changes as i64
 }
 
@@ -625,7 +626,7 @@ fn a_first_step_whose_pack_was_cut_off_at_its_end_is_followed() {
     let path = dir.path().join("s.zarr");
     let create = |fuse| {
         let _ = std::fs::remove_dir_all(&path);
-        let disk = Disk { fuse: Some(AtomicI64::new(fuse)), ..Disk::default() };
+        let disk = Trial::disk_of(fuse);
         Appender::create_on(disk, &path, &byte_step(0), None, &byte_options(), &()).err()
     };
     let is_whole = || path.join("zarr.json").exists() && path.join(JOURNAL_NAME).exists();
@@ -748,11 +749,11 @@ fn an_append_costs_the_same_however_many_steps_there_are() {
     let mut changes = Vec::new();
     for step in 2..12 {
         let mut appender = Appender::open(&path, few()).unwrap();
-        appender.disk.log.lock().unwrap().clear();
+        appender.disk.trial.log.lock().unwrap().clear();
         // The same voxels each time.
         let report = appender.append(&byte_step(0), None, &()).unwrap();
         assert_eq!(report.step, step);
-        let log = appender.disk.log.lock().unwrap();
+        let log = appender.disk.trial.log.lock().unwrap();
         changes.push(log.len());
         let of_other = |path: &PathBuf| {
             (0..step - 1).any(|other| {

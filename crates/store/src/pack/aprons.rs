@@ -14,36 +14,24 @@ use crate::codec::BrickCodec;
 use crate::error::ReadError;
 use crate::folder::Folder;
 use crate::layout::{Layout, ShardId};
-use crate::pack::cascade::{Reached, Stop};
-use crate::pack::disk::{Disk, DiskError};
+use crate::pack::cascade::{Pass, Reached, Stop, Stopped};
+use crate::pack::disk::DiskError;
 use crate::pack::journal::Journal;
-use crate::pack::plan::{PackPlan, Stage};
-use crate::pack::shards::{Encoded, ShardWriter, settle};
+use crate::pack::plan::Stage;
+use crate::pack::pool;
+use crate::pack::shards::{Encoded, ShardWriter};
 use crate::pack::shells::ApronMaker;
 use crate::pack::side_pages::ShardPages;
-use crate::pack::{PackOptions, Progress};
 use crate::scratch::Scratch;
 use crate::shard::Fingerprint;
 use crate::shard_file::IoMode;
 use crate::side::core_hash;
-use crate::store::bricks_of;
-use brickyard_volume::{Apron, BrickId, Extent, Level, VoxelBox, VoxelType};
+use crate::store::{bricks_of, grown};
+use brickyard_volume::{Apron, BrickId, Extent, Level, VoxelBox};
 use lru::LruCache;
 use rayon::prelude::*;
 use std::num::NonZeroUsize;
-use std::path::Path;
 use std::sync::Arc;
-
-/// Constants of the pass over aprons.
-pub(crate) struct ApronPass<'a> {
-    pub(crate) store: &'a Path,
-    pub(crate) voxel_type: VoxelType,
-    pub(crate) apron: Apron,
-    pub(crate) options: &'a PackOptions,
-    pub(crate) plan: &'a PackPlan,
-    pub(crate) disk: &'a Disk,
-    pub(crate) progress: &'a dyn Progress,
-}
 
 /// Progress of the pass.
 #[derive(Default)]
@@ -53,38 +41,33 @@ struct Made {
     written_bytes: u64,
 }
 
-impl ApronPass<'_> {
+impl Pass<'_> {
     /// Makes the aprons of all stages, and returns the bytes written to their shards. On failure, finished shards stay
     /// and are in the journal.
-    pub(crate) fn run(&self, journal: &mut Journal) -> Result<u64, (Stop, Reached)> {
+    pub(crate) fn run_aprons(&self, apron: Apron, journal: &mut Journal) -> Result<u64, Stopped> {
         let mut made = Made::default();
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(self.options.threads).build();
-        let pool = pool.map_err(|e| (Stop::Threads(e.to_string()), self.reached(&made)))?;
+        let maker = ApronMaker { apron, voxel_bytes: self.source.info().voxel_type.bytes() };
+        let reached = |made: &Made| {
+            let bytes = maker.apron_bytes() as u64;
+            let left = self.plan.brick_count() - made.bricks;
+            let shards = self.plan.core_shard_count() + made.shards;
+            Reached::new(shards, made.written_bytes, made.bricks * bytes, left * bytes)
+        };
+        let pool = pool(self.options.threads).map_err(|error| (Stop::Threads(error), reached(&made)))?;
         let folder = Folder::open(self.store).map_err(|error| DiskError { path: self.store.into(), error });
-        let folder = Arc::new(folder.map_err(|error| (Stop::Disk(error), self.reached(&made)))?);
+        let folder = Arc::new(folder.map_err(|error| (Stop::Disk(error), reached(&made)))?);
         for stage in &self.plan.stages {
-            let of_stage = pool.install(|| StagePass::new(self, &folder, stage).run(journal, &mut made));
-            let synced = journal.sync(self.disk, self.store).map_err(Stop::Disk);
-            of_stage.and(synced).map_err(|stop| (stop, self.reached(&made)))?;
+            let of_stage = pool.install(|| StagePass::new(self, &folder, stage, maker).run(journal, &mut made));
+            let synced = journal.sync().map_err(Stop::Disk);
+            of_stage.and(synced).map_err(|stop| (stop, reached(&made)))?;
         }
         Ok(made.written_bytes)
-    }
-
-    fn reached(&self, made: &Made) -> Reached {
-        let bytes = self.maker().apron_bytes() as u64;
-        let left = self.plan.brick_count() - made.bricks;
-        let shards = self.plan.core_shard_count() + made.shards;
-        Reached::new(shards, made.written_bytes, made.bricks * bytes, left * bytes)
-    }
-
-    fn maker(&self) -> ApronMaker {
-        ApronMaker { apron: self.apron, voxel_bytes: self.voxel_type.bytes() }
     }
 }
 
 /// The pass over one stage.
 struct StagePass<'a> {
-    pass: &'a ApronPass<'a>,
+    pass: &'a Pass<'a>,
     /// The output of the first pass.
     cores: Chunks,
     /// The layout of the aprons.
@@ -98,8 +81,8 @@ struct StagePass<'a> {
 }
 
 impl<'a> StagePass<'a> {
-    fn new(pass: &'a ApronPass<'a>, folder: &Arc<Folder>, stage: &Stage) -> Self {
-        let ApronPass { options, voxel_type, apron, .. } = *pass;
+    fn new(pass: &'a Pass<'a>, folder: &Arc<Folder>, stage: &Stage, maker: ApronMaker) -> Self {
+        let (options, voxel_type) = (pass.options, pass.source.info().voxel_type);
         let codec = BrickCodec::new(options.codec, voxel_type, options.edge);
         Self {
             pass,
@@ -107,15 +90,15 @@ impl<'a> StagePass<'a> {
             layout: stage.layout.of_aprons(),
             level: stage.level,
             grid: stage.grid().bricks,
-            maker: pass.maker(),
-            codec: BrickCodec::of_aprons(options.codec, voxel_type, apron),
+            maker,
+            codec: BrickCodec::of_aprons(options.codec, voxel_type, maker.apron),
             shells: LruCache::new(NonZeroUsize::new(pass.plan.shells).unwrap_or(NonZeroUsize::MIN)),
         }
     }
 
     /// Makes the stage's missing shards of aprons.
     fn run(mut self, journal: &mut Journal, made: &mut Made) -> Result<(), Stop> {
-        let ApronPass { store, disk, plan, progress, .. } = *self.pass;
+        let Pass { store, disk, plan, progress, .. } = *self.pass;
         let (mut shard_pages, mut pages) = (ShardPages::new(store, &self.layout, self.level), Vec::new());
         let layout = self.layout.clone();
         for id in plan.shards(&layout, self.level) {
@@ -140,7 +123,7 @@ impl<'a> StagePass<'a> {
     }
 
     fn shard(&mut self, id: ShardId, journal: &mut Journal, made: &mut Made) -> Result<Fingerprint, Stop> {
-        let ApronPass { store, disk, progress, .. } = *self.pass;
+        let Pass { store, disk, progress, .. } = *self.pass;
         let layout = self.layout.clone();
         let mut writer = ShardWriter::new(disk, store, &layout);
         let bricks = self.bricks(id);
@@ -154,12 +137,12 @@ impl<'a> StagePass<'a> {
             let mut layer = bricks;
             (layer.min.z, layer.max.z) = (z, z + 1);
             let ids: Vec<BrickId> = bricks_of(layer, 1).map(brick).collect();
-            self.fetch_shells(&bricks_of(around(layer, self.grid), 1).map(brick).collect::<Vec<_>>())
+            self.fetch_shells(&bricks_of(grown(layer, 1, self.grid.full_box()), 1).map(brick).collect::<Vec<_>>())
                 .map_err(Stop::ReadBack)?;
             for (id, apron) in ids.iter().zip(self.encode(&ids)) {
                 let encoded = apron.as_ref().map(|(bytes, hash)| Encoded { bytes, hash: *hash });
                 if let Some(finished) = writer.add(*id, encoded, |_| None).map_err(Stop::Disk)? {
-                    settle(disk, store, &layout, journal, &finished).map_err(Stop::Disk)?;
+                    journal.settle(&layout, &finished).map_err(Stop::Disk)?;
                     fingerprint = finished.fingerprint;
                 }
             }
@@ -206,10 +189,4 @@ impl<'a> StagePass<'a> {
         };
         ids.par_iter().map_init(|| vec![0; self.maker.apron_bytes()], encode).collect()
     }
-}
-
-/// A box of bricks and their neighbours.
-fn around(bricks: VoxelBox, grid: Extent) -> VoxelBox {
-    let min = bricks.min.to_array().map(|i| i.saturating_sub(1));
-    VoxelBox::new(min, bricks.max.to_array().map(|i| i + 1)).intersect(grid.full_box())
 }

@@ -4,7 +4,7 @@
 //! neighbours are kept by part (`parts.rs`). Cores at the far faces are padded with their last voxels, which keeps
 //! constant bricks constant and averages only existing voxels over odd extents.
 
-use crate::downsample::{Downsample, downsample};
+use crate::downsample::{Downsample, Reduction, downsample};
 use crate::nodata;
 use crate::pack::parts::Parts;
 use crate::stats::{Counter, Measure, Range, Tally};
@@ -156,40 +156,34 @@ impl<T: Measure> Workspace<T> {
     pub(crate) fn reduce(&mut self, i: usize, shape: [usize; 3], factor: [usize; 3], method: Downsample) {
         // Odd extents include one of the padding voxels.
         let shape: [usize; 3] = std::array::from_fn(|a| shape[a].next_multiple_of(factor[a]));
-        let Some(nodata) = self.nodata else { return self.reduce_whole(i, shape, factor, method) };
+        let reduction = Reduction { method, edge: self.edge, shape, factor };
+        let Some(nodata) = self.nodata else { return self.reduce_whole(i, reduction) };
         let mut is_marked = nodata::is_in(self.core(i), nodata);
         if !is_marked {
-            self.reduce_whole(i, shape, factor, method);
+            self.reduce_whole(i, reduction);
             // A mean may equal that value even if no voxel does.
             let voxels = (0..3).map(|a| shape[a] / factor[a]).product();
             is_marked = nodata::is_in(&self.coarse[..voxels], nodata);
         }
         if is_marked {
             let core = &self.cores[i * self.edge.pow(3)..][..self.edge.pow(3)];
-            nodata::downsample(method, core, self.edge, shape, factor, nodata, &mut self.coarse);
+            nodata::downsample(reduction, core, nodata, &mut self.coarse);
         }
     }
 
     /// Reduces core `i`, whose integers all have data, to its part of the next level.
-    fn reduce_whole(&mut self, i: usize, shape: [usize; 3], factor: [usize; 3], method: Downsample) {
+    fn reduce_whole(&mut self, i: usize, reduction: Reduction) {
         let core = &self.cores[i * self.edge.pow(3)..][..self.edge.pow(3)];
         #[cfg(target_arch = "x86_64")]
         if std::arch::is_x86_feature_detected!("avx2") {
             #[target_feature(enable = "avx2")]
-            fn downsample_avx2<T: Measure>(
-                method: Downsample,
-                core: &[T],
-                edge: usize,
-                shape: [usize; 3],
-                factor: [usize; 3],
-                out: &mut [T],
-            ) {
-                downsample(method, core, edge, shape, factor, out);
+            fn downsample_avx2<T: Measure>(reduction: Reduction, core: &[T], out: &mut [T]) {
+                downsample(reduction, core, out);
             }
             // SAFETY: the processor has the feature.
-            return unsafe { downsample_avx2(method, core, self.edge, shape, factor, &mut self.coarse) };
+            return unsafe { downsample_avx2(reduction, core, &mut self.coarse) };
         }
-        downsample(method, core, self.edge, shape, factor, &mut self.coarse);
+        downsample(reduction, core, &mut self.coarse);
     }
 }
 

@@ -16,21 +16,22 @@
 use crate::codec::BrickCodec;
 use crate::error::ReadError;
 use crate::layout::ShardId;
+use crate::mutex::lock;
 use crate::pack::brick::{Summary, Workspace, run_length};
 use crate::pack::disk::{Disk, DiskError};
 use crate::pack::journal::Journal;
 use crate::pack::plan::{PackPlan, Stage, bricks_ahead};
 use crate::pack::sequence::Sequence;
-use crate::pack::shards::{Encoded, Finished, ShardWriter, settle};
+use crate::pack::shards::{Encoded, Finished, ShardWriter};
 use crate::pack::side_pages::{BrickPages, ShardPages};
 use crate::pack::window::Window;
-use crate::pack::{PackError, PackOptions, Progress};
+use crate::pack::{PackError, PackOptions, Progress, pool};
 use crate::scratch::Scratch;
 use crate::shard::Fingerprint;
 use crate::side::{PageFile, core_hash};
 use crate::stats::{ChannelTotals, Measure, Range, Tally};
 use brickyard_import::{Access, ImportError, Source};
-use brickyard_volume::{BrickId, BrickIndex, Level, VoxelBox};
+use brickyard_volume::{BrickId, BrickIndex, Level, LevelGrid, VoxelBox};
 use std::collections::HashMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
@@ -78,6 +79,9 @@ impl Reached {
         Self { shards, needed_bytes: (rate * left_bytes as f64) as u64 + (1 << 20) }
     }
 }
+
+/// The end of a stopped pass.
+pub(crate) type Stopped = (Stop, Reached);
 
 /// The writer's progress.
 #[derive(Default)]
@@ -141,10 +145,6 @@ struct Shared<'a, T> {
     stop: Mutex<Option<Stop>>,
 }
 
-fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
 impl<T> Shared<'_, T> {
     /// Stops everyone; the first reason counts.
     fn fail(&self, reason: Stop) {
@@ -169,12 +169,11 @@ impl Pass<'_> {
         &self,
         journal: &mut Journal,
         mut channels: Vec<ChannelTotals>,
-    ) -> Result<Passed, (Stop, Reached)> {
+    ) -> Result<Passed, Stopped> {
         let threads = self.options.threads;
         let edge = self.options.edge as usize;
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
         let mut written = Written::default();
-        let pool = pool.map_err(|e| (Stop::Threads(e.to_string()), self.reached(0, &written)))?;
+        let pool = pool(threads).map_err(|error| (Stop::Threads(error), self.reached(0, &written)))?;
         let earlier = |stage: &Stage| {
             let finished = |shard| Some((shard, journal.finished(&stage.layout, shard)?));
             self.plan.shards(&stage.layout, stage.level).filter_map(finished).collect()
@@ -305,12 +304,12 @@ impl<T: Measure> Shared<'_, T> {
 
     /// The settler: makes shards and pages durable. Returns the number of shards.
     fn settle(&self, finished: mpsc::Receiver<Settle>, journal: &mut Journal) -> u64 {
-        let Pass { plan, store, disk, .. } = *self.pass;
+        let Pass { plan, disk, .. } = *self.pass;
         let mut settled = 0;
         for next in finished {
             let made = match next {
                 Settle::Shard(s, shard) => {
-                    settle(disk, store, &plan.stages[s].layout, journal, &shard).map(|made| settled += made as u64)
+                    journal.settle(&plan.stages[s].layout, &shard).map(|made| settled += made as u64)
                 }
                 Settle::Page((path, bytes)) => disk.write_early(&path, &bytes),
             };
@@ -319,7 +318,7 @@ impl<T: Measure> Shared<'_, T> {
                 break;
             }
         }
-        if let Err(error) = journal.sync(disk, store) {
+        if let Err(error) = journal.sync() {
             self.fail(Stop::Disk(error));
         }
         settled
@@ -534,8 +533,7 @@ impl<'a, T: Measure> Volume<'a, T> {
             None => workspace.digest(i, shape(core), s == 0),
         };
         for (coarser, method) in self.plan().coarser(s) {
-            let (fine, coarse) = (stage.grid().factor, self.plan().stages[coarser].grid().factor);
-            let factor = std::array::from_fn(|a| (coarse[a] / fine[a]) as usize);
+            let factor = ratio(stage.grid(), self.plan().stages[coarser].grid());
             let region = coarse_box(core, factor);
             let voxels = region.extent().volume() as usize;
             match constant {
@@ -607,6 +605,11 @@ pub(crate) fn no_data<T: Measure>(nodata: Option<f64>) -> (Option<T>, Option<T>)
 
 pub(crate) fn shape(region: VoxelBox) -> [usize; 3] {
     region.extent().to_array().map(|n| n as usize)
+}
+
+/// Fine voxels per coarse voxel along each axis, of two levels.
+pub(crate) fn ratio(fine: &LevelGrid, coarse: &LevelGrid) -> [usize; 3] {
+    std::array::from_fn(|a| (coarse.factor[a] / fine.factor[a]) as usize)
 }
 
 /// The box of a brick's core on the next level.

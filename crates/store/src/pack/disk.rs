@@ -3,6 +3,8 @@
 
 use crate::folder::Folder;
 use crate::inside::named;
+#[cfg(test)]
+use crate::pack::tests::trial::Trial;
 use std::fs::File;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
@@ -31,24 +33,9 @@ pub(crate) struct Disk {
     pub(crate) home: OnceLock<Home>,
     /// The store's folder, if open: receives all changes inside its path, wherever the path leads.
     pub(crate) open: OnceLock<Arc<Folder>>,
-    /// Whether to sync files one by one.
+    /// What a test observes and injects.
     #[cfg(test)]
-    pub(crate) syncs_each: bool,
-    /// Number of changes before all further ones fail, as on a full disk or after a crash.
-    #[cfg(test)]
-    pub(crate) fuse: Option<std::sync::atomic::AtomicI64>,
-    /// Whether an exhausted fuse panics instead of failing.
-    #[cfg(test)]
-    pub(crate) panics: bool,
-    /// The changes made, in order, each with its path.
-    #[cfg(test)]
-    pub(crate) log: std::sync::Mutex<Vec<(&'static str, PathBuf)>>,
-    /// Actions of other packs, each with its moment.
-    #[cfg(test)]
-    pub(crate) meanwhile: std::sync::Mutex<Vec<(&'static str, Meanwhile)>>,
-    /// Whether names cannot be exchanged, as on NFS.
-    #[cfg(test)]
-    pub(crate) cannot_exchange: bool,
+    pub(crate) trial: Trial,
 }
 
 /// The location of a store.
@@ -59,9 +46,6 @@ pub(crate) struct Home {
     syncs_as_one: bool,
 }
 
-#[cfg(test)]
-pub(crate) type Meanwhile = Box<dyn FnOnce() + Send>;
-
 impl Disk {
     /// Sets the present or future location of the store. Changes are then refused where a symbolic link in the store,
     /// or beside it under one of its names, would redirect them.
@@ -71,7 +55,7 @@ impl Disk {
         // A server's own disks learn of single files at most.
         let syncs_as_one = tells_of_lost_writes() && made.is_some_and(|folder| !may_be_local(folder));
         #[cfg(test)]
-        let syncs_as_one = syncs_as_one && !self.syncs_each;
+        let syncs_as_one = syncs_as_one && !self.trial.syncs_each;
         let _ = self.home.set(Home { folder: folder.into(), syncs_as_one });
     }
 
@@ -113,32 +97,15 @@ impl Disk {
     }
 
     /// Marks a moment of possible interference by another pack. In tests, runs its registered action, once.
-    #[cfg(test)]
-    pub(crate) fn meanwhile(&self, moment: &'static str) {
-        let mut waiting = self.meanwhile.lock().unwrap();
-        let now = waiting.iter().position(|(at, _)| *at == moment).map(|i| waiting.remove(i));
-        drop(waiting);
-        now.into_iter().for_each(|(_, others)| others());
+    pub(crate) fn meanwhile(&self, _moment: &'static str) {
+        #[cfg(test)]
+        self.trial.meanwhile(_moment);
     }
-
-    #[cfg(not(test))]
-    pub(crate) fn meanwhile(&self, _moment: &'static str) {}
 
     /// Before a change: tests record it, and may make it fail.
-    #[cfg(test)]
-    fn step(&self, what: &'static str, path: &Path) -> io::Result<()> {
-        if let Some(fuse) = &self.fuse
-            && fuse.fetch_sub(1, std::sync::atomic::Ordering::SeqCst) <= 0
-        {
-            assert!(!self.panics, "a thread that changes files");
-            return Err(io::ErrorKind::StorageFull.into());
-        }
-        self.log.lock().unwrap().push((what, path.into()));
-        Ok(())
-    }
-
-    #[cfg(not(test))]
     fn step(&self, _what: &'static str, _path: &Path) -> io::Result<()> {
+        #[cfg(test)]
+        self.trial.step(_what, _path)?;
         Ok(())
     }
 
@@ -153,6 +120,12 @@ impl Disk {
 
     pub(crate) fn create_dir_all(&self, path: &Path) -> Result<()> {
         self.run_at("create_dir_all", path, |at| std::fs::create_dir_all(at))
+    }
+
+    /// Creates a file's folder if needed.
+    pub(crate) fn create_parent(&self, path: &Path) -> Result<()> {
+        let missing = path.parent().filter(|parent| !self.at(parent).exists());
+        missing.map_or(Ok(()), |parent| self.create_dir_all(parent))
     }
 
     /// Creates an empty file, replacing an existing one, for writing and reading. Other names of the old file keep its
@@ -175,12 +148,7 @@ impl Disk {
 
     pub(crate) fn append(&self, path: &Path, file: &mut File, bytes: &[u8]) -> Result<()> {
         #[cfg(test)]
-        if let Some(fuse) = &self.fuse
-            && fuse.load(std::sync::atomic::Ordering::SeqCst) == 0
-        {
-            // The write that hits the end of the disk is torn.
-            let _ = file.write_all(&bytes[..bytes.len() / 2]);
-        }
+        self.trial.tear(file, bytes);
         self.run("append", path, || file.write_all(bytes))
     }
 
@@ -213,7 +181,7 @@ impl Disk {
         use rustix::fs::{CWD, RenameFlags, renameat_with};
         use rustix::io::Errno;
         #[cfg(test)]
-        if self.cannot_exchange {
+        if self.trial.cannot_exchange {
             return Ok(false);
         }
         self.run_at("exchange", b, |b| match renameat_with(CWD, self.at(a), CWD, b, RenameFlags::EXCHANGE) {
@@ -261,8 +229,7 @@ impl Disk {
     /// Writes a small file nobody reads before [`Disk::sync_parts`], creating its folder if needed: until then a power
     /// failure may truncate it.
     pub(crate) fn write_early(&self, path: &Path, bytes: &[u8]) -> Result<()> {
-        let missing = path.parent().filter(|parent| !self.at(parent).exists());
-        missing.map_or(Ok(()), |parent| self.create_dir_all(parent))?;
+        self.create_parent(path)?;
         self.prepare(path, bytes)?;
         self.name(path)
     }
@@ -333,8 +300,12 @@ fn patiently(mut change: impl FnMut() -> io::Result<()>) -> io::Result<()> {
 
 /// The name of a file until it is complete.
 pub(crate) fn temporary(path: &Path) -> PathBuf {
+    with_suffix(path, ".tmp")
+}
+
+pub(crate) fn with_suffix(path: &Path, suffix: &str) -> PathBuf {
     let mut name = path.as_os_str().to_owned();
-    name.push(".tmp");
+    name.push(suffix);
     name.into()
 }
 

@@ -18,7 +18,8 @@ use crate::data_file::open_file;
 use crate::data_file::read_at_most;
 use crate::layout::{JOURNAL_NAME, Layout, ShardId};
 use crate::pack::PackError;
-use crate::pack::disk::{Disk, DiskError};
+use crate::pack::disk::{Disk, DiskError, temporary};
+use crate::pack::shards::Finished;
 use crate::shard::Fingerprint;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -28,8 +29,10 @@ use std::io::{BufRead, BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-pub(crate) struct Journal {
-    path: PathBuf,
+pub(crate) struct Journal<'a> {
+    disk: &'a Disk,
+    /// The store's folder.
+    store: PathBuf,
     /// `None` if nothing is recorded.
     file: Option<File>,
     head: Head,
@@ -74,25 +77,32 @@ const MOST_HEAD_BYTES: u64 = 16 << 20;
 /// A shard's line: two numbers and a path of numbers.
 const MOST_LINE_BYTES: u64 = 128;
 
-impl Journal {
+impl<'a> Journal<'a> {
     /// A journal without records, for an appended step, which is remade after an interruption.
-    pub(crate) fn none() -> Self {
-        Self { path: PathBuf::new(), file: None, head: Head::default(), finished: HashMap::new(), unsynced_since: None }
+    pub(crate) fn none(disk: &'a Disk, store: &Path) -> Self {
+        Self::new(disk, store, None, Head::default())
+    }
+
+    fn new(disk: &'a Disk, store: &Path, file: Option<File>, head: Head) -> Self {
+        Self { disk, store: store.into(), file, head, finished: HashMap::new(), unsynced_since: None }
+    }
+
+    fn path(&self) -> PathBuf {
+        self.store.join(JOURNAL_NAME)
     }
 
     /// Starts a journal in a store directory, replacing any existing one.
-    pub(crate) fn create(disk: &Disk, store: &Path, head: Head) -> Result<Self, DiskError> {
+    pub(crate) fn create(disk: &'a Disk, store: &Path, head: Head) -> Result<Self, DiskError> {
         let path = store.join(JOURNAL_NAME);
         disk.write(&path, format!("{}\n{}", json!(head), first_line(disk)).as_bytes())?;
         disk.sync_dir(store)?;
-        Ok(Self { file: Some(disk.reopen(&path)?), path, head, finished: HashMap::new(), unsynced_since: None })
+        Ok(Self::new(disk, store, Some(disk.reopen(&path)?), head))
     }
 
     /// Opens the journal of an unfinished pack, and reads its head.
-    pub(crate) fn open(disk: &Disk, store: &Path) -> Result<Self, PackError> {
-        let path = store.join(JOURNAL_NAME);
-        let (file, head) = (Some(disk.reopen(&path)?), Head::of(store)?);
-        Ok(Self { file, path, head, finished: HashMap::new(), unsynced_since: None })
+    pub(crate) fn open(disk: &'a Disk, store: &Path) -> Result<Self, PackError> {
+        let file = disk.reopen(&store.join(JOURNAL_NAME))?;
+        Ok(Self::new(disk, store, Some(file), Head::of(store)?))
     }
 
     /// The settings' fingerprint of the store to be replaced, if any.
@@ -105,24 +115,24 @@ impl Journal {
     ///
     /// # Errors
     /// If the pack has other data or settings, or the journal cannot be read or written.
-    pub(crate) fn resume(&mut self, disk: &Disk, store: &Path, settings: &Value) -> Result<(), PackError> {
+    pub(crate) fn resume(&mut self, settings: &Value) -> Result<(), PackError> {
         if let Some(difference) = difference(&self.head.settings, settings) {
-            return Err(PackError::Mismatch { store: store.into(), difference });
+            return Err(PackError::Mismatch { store: self.store.clone(), difference });
         }
         let most = MOST_HEAD_BYTES + MOST_LINE_BYTES.saturating_mul(self.head.shards);
-        let text = read_at_most(open_file(&self.path), most);
-        let text = text.map_err(|error| PackError::Io { path: self.path.clone(), error })?;
+        let text = read_at_most(open_file(&self.path()), most);
+        let text = text.map_err(|error| PackError::Io { path: self.path(), error })?;
         let text = String::from_utf8_lossy(&text);
         let lines = text.split_once('\n').map_or("", |(_, lines)| lines);
         let complete = lines.rfind('\n').map_or(0, |end| end + 1);
-        self.finished = believed(store, &lines[..complete]);
+        self.finished = believed(&self.store, &lines[..complete]);
         if complete < lines.len() {
             // Ends a torn last line, in a way no shard's line ends, so the next one starts afresh.
-            self.append(disk, b" torn\n")?;
+            self.append(b" torn\n")?;
         }
-        self.append(disk, first_line(disk).as_bytes())?;
+        self.append(first_line(self.disk).as_bytes())?;
         // Must precede any shard's line, which would otherwise count as synced.
-        Ok(self.file.as_ref().map_or(Ok(()), |file| disk.sync(&self.path, file))?)
+        Ok(self.file.as_ref().map_or(Ok(()), |file| self.disk.sync(&self.path(), file))?)
     }
 
     /// The fingerprint of a shard finished by an earlier run, if any.
@@ -135,32 +145,43 @@ impl Journal {
         self.finished.len() as u64
     }
 
-    /// Records a finished shard by its path below the store. Syncs the file system when due.
-    pub(crate) fn add(
-        &mut self,
-        disk: &Disk,
-        store: &Path,
-        path: &Path,
-        fingerprint: Fingerprint,
-    ) -> Result<(), DiskError> {
-        let Fingerprint { file_bytes, index_crc } = fingerprint;
-        let line = format!("{file_bytes} {index_crc:08x} {}\n", path.display());
-        self.append(disk, line.as_bytes())?;
+    /// Renames a finished shard of this layout to its final name and records it, synced before or, together with others,
+    /// when due. Returns `false` if an earlier run did.
+    pub(crate) fn settle(&mut self, layout: &Layout, shard: &Finished) -> Result<bool, DiskError> {
+        if shard.done_before {
+            return Ok(false);
+        }
+        if shard.fingerprint.has_file() {
+            let path = layout.shard_path(&self.store, shard.id);
+            if !self.disk.syncs_as_one() {
+                let temporary = temporary(&path);
+                let file = self.disk.reopen(&temporary)?;
+                self.disk.sync(&temporary, &file)?;
+            }
+            self.disk.name(&path)?;
+        }
+        let Fingerprint { file_bytes, index_crc } = shard.fingerprint;
+        let path = layout.shard_path(Path::new(""), shard.id);
+        self.append(format!("{file_bytes} {index_crc:08x} {}\n", path.display()).as_bytes())?;
         let since = *self.unsynced_since.get_or_insert_with(Instant::now);
-        if since.elapsed() >= SYNC_INTERVAL { self.sync(disk, store) } else { Ok(()) }
+        if since.elapsed() >= SYNC_INTERVAL {
+            self.sync()?;
+        }
+        Ok(true)
     }
 
     /// Makes the recorded shards durable, unless they are synced one by one.
-    pub(crate) fn sync(&mut self, disk: &Disk, store: &Path) -> Result<(), DiskError> {
-        if self.file.is_some() && disk.syncs_as_one() && self.unsynced_since.take().is_some() {
-            disk.sync_parts(store, [])?;
-            self.append(disk, b" synced\n")?;
+    pub(crate) fn sync(&mut self) -> Result<(), DiskError> {
+        if self.file.is_some() && self.disk.syncs_as_one() && self.unsynced_since.take().is_some() {
+            self.disk.sync_parts(&self.store, [])?;
+            self.append(b" synced\n")?;
         }
         Ok(())
     }
 
-    fn append(&mut self, disk: &Disk, bytes: &[u8]) -> Result<(), DiskError> {
-        self.file.as_mut().map_or(Ok(()), |file| disk.append(&self.path, file, bytes))
+    fn append(&mut self, bytes: &[u8]) -> Result<(), DiskError> {
+        let path = self.path();
+        self.file.as_mut().map_or(Ok(()), |file| self.disk.append(&path, file, bytes))
     }
 }
 

@@ -73,14 +73,6 @@ pub(crate) struct DirLock {
     made_dir: bool,
 }
 
-enum Attempt {
-    Taken(DirLock),
-    /// Held by another process.
-    Held(Option<Holder>),
-    /// Something vanished meanwhile: try again.
-    Gone,
-}
-
 impl DirLock {
     /// Takes the lock of a directory, created if missing.
     ///
@@ -91,9 +83,8 @@ impl DirLock {
         let (started, mut seen) = (Instant::now(), None);
         loop {
             let holder = match Self::attempt(disk, dir)? {
-                Attempt::Taken(lock) => return Ok(lock),
-                Attempt::Held(holder) => holder,
-                Attempt::Gone => None,
+                Ok(lock) => return Ok(lock),
+                Err(holder) => holder,
             };
             let is_sure = holder.as_ref().is_some_and(Holder::may_live) && holder == seen;
             if is_sure || started.elapsed() > PATIENCE {
@@ -104,7 +95,8 @@ impl DirLock {
         }
     }
 
-    fn attempt(disk: &Disk, dir: &Path) -> Result<Attempt, PackError> {
+    /// Takes the lock, or tells its holder, unknown if something vanished meanwhile.
+    fn attempt(disk: &Disk, dir: &Path) -> Result<Result<Self, Option<Holder>>, PackError> {
         let made_dir = !dir.exists();
         if made_dir {
             disk.create_dir_all(dir)?;
@@ -115,7 +107,7 @@ impl DirLock {
         // A foreign file behind a link would be truncated.
         let file = match options.custom_flags(OFlags::NOFOLLOW.bits() as i32).open(&path) {
             Ok(file) => file,
-            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Attempt::Gone),
+            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Err(None)),
             Err(error)
                 if matches!(error.kind(), io::ErrorKind::PermissionDenied | io::ErrorKind::ReadOnlyFilesystem) =>
             {
@@ -130,10 +122,10 @@ impl DirLock {
         }
         disk.meanwhile("the lock file is open");
         match file.try_lock() {
-            Ok(()) if !is_named(&file, &path) || is_left(&file) => return Ok(Attempt::Gone),
+            Ok(()) if !is_named(&file, &path) || is_left(&file) => return Ok(Err(None)),
             Ok(()) => {}
             // Reopened for reading: an NFS client then consults the server.
-            Err(TryLockError::WouldBlock) => return Ok(Attempt::Held(Holder::read(&path))),
+            Err(TryLockError::WouldBlock) => return Ok(Err(Holder::read(&path))),
             Err(TryLockError::Error(error)) => {
                 // Nobody can have a lock here: delete everything made for it.
                 let _ = std::fs::remove_file(&path);
@@ -142,7 +134,7 @@ impl DirLock {
             }
         }
         file.set_len(0).map_err(|error| PackError::Io { path, error })?;
-        Ok(Attempt::Taken(Self { dir: dir.into(), file, made_dir }))
+        Ok(Ok(Self { dir: dir.into(), file, made_dir }))
     }
 
     /// Writes this process's name into the lock file, for others waiting for the lock.

@@ -17,7 +17,7 @@ use crate::folder::Folder;
 use crate::inside::{check_outside, named};
 use crate::json::read_json;
 use crate::layout::{JOURNAL_NAME, LOCK_NAME};
-use crate::pack::disk::{Disk, temporary};
+use crate::pack::disk::{Disk, temporary, with_suffix};
 use crate::pack::journal::{Head, Journal};
 use crate::pack::lock::DirLock;
 use crate::pack::{Exists, PackError, fingerprint, ours};
@@ -31,12 +31,12 @@ use std::path::{Path, PathBuf};
 const MOST_CHANGES: u32 = 100;
 
 /// A running pack's directory, journal and lock.
-pub(crate) struct Output {
+pub(crate) struct Output<'a> {
     /// The working directory of the store.
     pub(crate) dir: PathBuf,
     /// Its final path.
     store: PathBuf,
-    pub(crate) journal: Journal,
+    pub(crate) journal: Journal<'a>,
     lock: DirLock,
     /// The lock of the store to be replaced, against appends.
     replaced: Option<DirLock>,
@@ -72,11 +72,11 @@ enum Step {
     Tidy,
 }
 
-impl Output {
+impl<'a> Output<'a> {
     /// Prepares and locks the output directory by the policy `exists`. Returns `None` if there is nothing to resume,
     /// since a finished store with these settings exists.
     pub(crate) fn start(
-        disk: &Disk,
+        disk: &'a Disk,
         store: &Path,
         exists: Exists,
         settings: &Value,
@@ -131,14 +131,14 @@ impl Output {
 }
 
 /// Prepares the locked directory; `None` if it must be inspected again.
-fn prepare(
-    disk: &Disk,
+fn prepare<'a>(
+    disk: &'a Disk,
     store: &Path,
     dir: &Path,
     step: Step,
     lock: &DirLock,
     (settings, shards): (&Value, u64),
-) -> Result<Option<Journal>, PackError> {
+) -> Result<Option<Journal<'a>>, PackError> {
     let replaces = match find(store)? {
         Found::Store(theirs) if dir != store => Some(theirs),
         // The store is gone, or not back from the exchange: the replacement target stays the same.
@@ -154,7 +154,7 @@ fn prepare(
         }
         Step::Resume => {
             let mut journal = Journal::open(disk, dir)?;
-            journal.resume(disk, dir, settings)?;
+            journal.resume(settings)?;
             lock.declare(disk)?;
             return Ok(Some(journal));
         }
@@ -345,12 +345,6 @@ pub(crate) fn resolve(store: &Path) -> Result<PathBuf, PackError> {
 /// Missing directories down to `dir`, deepest first.
 fn ancestors_to_make(dir: &Path) -> Vec<PathBuf> {
     dir.ancestors().take_while(|dir| !dir.as_os_str().is_empty() && !dir.exists()).map(Path::to_path_buf).collect()
-}
-
-pub(crate) fn with_suffix(store: &Path, suffix: &str) -> PathBuf {
-    let mut name = store.as_os_str().to_owned();
-    name.push(suffix);
-    name.into()
 }
 
 /// The place of a store between two renames.

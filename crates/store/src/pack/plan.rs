@@ -181,12 +181,12 @@ pub(crate) fn plan_last(source: &dyn Source, options: &PackOptions, layout: &Lay
 
 /// Selects the windows to keep in memory.
 fn within_memory(draft: Draft, source: &dyn Source, options: &PackOptions) -> Result<PackPlan, PackError> {
-    let Draft { mut plan, streaming, aprons } = draft;
-    let needed_bytes = least(streaming, aprons.as_ref());
+    let needed_bytes = draft.least();
     if needed_bytes > options.memory_bytes {
         let advice = advice(source, options);
         return Err(PackError::Memory { needed_bytes, given_bytes: options.memory_bytes, advice });
     }
+    let Draft { mut plan, streaming, aprons } = draft;
     plan.memory_bytes = streaming;
     let mut windows: Vec<&mut WindowPlan> = plan.stages.iter_mut().map(|stage| &mut stage.window).collect();
     windows.sort_by_key(|window| window.bytes);
@@ -296,28 +296,22 @@ impl Draft {
         let aprons = maker.map(|maker| ApronMemory::new(&plan, maker, info.voxel_type, options));
         Self { plan, streaming, aprons }
     }
-}
 
-fn least(streaming: u64, aprons: Option<&ApronMemory>) -> u64 {
-    streaming.max(aprons.map_or(0, ApronMemory::least))
+    fn least(&self) -> u64 {
+        self.streaming.max(self.aprons.as_ref().map_or(0, ApronMemory::least))
+    }
 }
 
 /// The nearest fitting options, in words: fewer time steps per shard, fewer threads, or else other bricks.
 fn advice(source: &dyn Source, options: &PackOptions) -> String {
     let fits = |options: &PackOptions| {
-        let is_enough = |draft: Draft| least(draft.streaming, draft.aprons.as_ref()) <= options.memory_bytes;
+        let is_enough = |draft: Draft| draft.least() <= options.memory_bytes;
         options.check().is_ok() && Draft::new(source, options).is_ok_and(is_enough)
     };
     let threads = (1..options.threads).rev().map(|threads| PackOptions { threads, ..options.clone() }).find(fits);
-    let edges = || {
-        let mut edges: Vec<u32> = (3..=8).map(|n| 1 << n).filter(|&edge| edge != options.edge).collect();
-        edges.sort_by_key(|edge| edge.ilog2().abs_diff(options.edge.ilog2()));
-        edges
-    };
-    let with_threads = |threads| {
-        let with_edge = |edge| PackOptions { edge, threads, ..options.clone() };
-        edges().into_iter().map(with_edge).find(fits)
-    };
+    let mut edges: Vec<u32> = (3..=8).map(|n| 1 << n).filter(|&edge| edge != options.edge).collect();
+    edges.sort_by_key(|edge| edge.ilog2().abs_diff(options.edge.ilog2()));
+    let with_threads = |threads| edges.iter().map(|&edge| PackOptions { edge, threads, ..options.clone() }).find(fits);
     let half = |steps: &u32| Some(steps / 2).filter(|&steps| steps > 0);
     let steps = std::iter::successors(half(&options.shard_times.min(source.info().times)), half)
         .find(|&shard_times| fits(&PackOptions { shard_times, ..options.clone() }))

@@ -1,8 +1,9 @@
 //! Ordered hand-over of results from many workers to one consumer, by number, so output is independent of threads; a
 //! worker far ahead waits, so memory is bounded.
 
+use crate::mutex::lock;
 use std::collections::BTreeMap;
-use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
+use std::sync::{Condvar, Mutex, PoisonError};
 
 pub(crate) struct Sequence<T> {
     state: Mutex<State<T>>,
@@ -34,7 +35,7 @@ impl<T> Sequence<T> {
 
     /// Delivers item `number`; waits while it is too far ahead. Returns `false` once the sequence is aborted.
     pub(crate) fn put(&self, number: u64, item: T) -> bool {
-        let state = self.lock();
+        let state = lock(&self.state);
         let too_far = |s: &mut State<T>| s.end != End::Aborted && number > s.next + self.ahead;
         let mut state = self.changed.wait_while(state, too_far).unwrap_or_else(PoisonError::into_inner);
         if state.end == End::Aborted {
@@ -49,7 +50,7 @@ impl<T> Sequence<T> {
 
     /// Waits for the next item and takes it; `None` at the end, or once the sequence is aborted.
     pub(crate) fn take(&self) -> Option<T> {
-        let state = self.lock();
+        let state = lock(&self.state);
         let missing = |s: &mut State<T>| match s.end {
             End::No => !s.waiting.contains_key(&s.next),
             End::Closed | End::Aborted => false,
@@ -82,19 +83,15 @@ impl<T> Sequence<T> {
     }
 
     pub(crate) fn is_aborted(&self) -> bool {
-        self.lock().end == End::Aborted
+        lock(&self.state).end == End::Aborted
     }
 
     fn end(&self, end: End) {
-        let mut state = self.lock();
+        let mut state = lock(&self.state);
         if state.end != End::Aborted {
             state.end = end;
         }
         self.changed.notify_all();
-    }
-
-    fn lock(&self) -> MutexGuard<'_, State<T>> {
-        self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -123,7 +120,7 @@ mod tests {
             let mut most = 0;
             for expected in 0..300 {
                 assert_eq!(sequence.take(), Some(expected));
-                most = most.max(sequence.lock().waiting.len());
+                most = most.max(lock(&sequence.state).waiting.len());
             }
             most
         });

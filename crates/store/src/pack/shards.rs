@@ -9,7 +9,6 @@
 
 use crate::layout::{Layout, ShardId};
 use crate::pack::disk::{Disk, DiskError, temporary};
-use crate::pack::journal::Journal;
 use crate::shard::{BrickRange, Fingerprint, encode_index, index_bytes};
 use brickyard_volume::{BrickId, Level};
 use std::collections::HashMap;
@@ -18,12 +17,13 @@ use std::io;
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 
-/// A shard with all bricks appended, before [`settle`] makes it durable.
+/// A shard with all bricks appended, before [`Journal::settle`](crate::pack::journal::Journal::settle) makes it
+/// durable.
 pub(crate) struct Finished {
     pub(crate) id: ShardId,
     pub(crate) fingerprint: Fingerprint,
     /// Made by an earlier run: nothing to do.
-    done_before: bool,
+    pub(crate) done_before: bool,
 }
 
 /// The stored form of a brick.
@@ -182,18 +182,17 @@ impl<'a> ShardWriter<'a> {
             Some(open) if is_open => self.file.insert(open),
             _ => {
                 let path = temporary(&self.layout.shard_path(self.store, id));
-                let file = if is_first { self.create(&path)? } else { self.disk.reopen(&path)? };
+                let file = if is_first {
+                    // Only the first shard of a row finds its directory missing.
+                    self.disk.create_parent(&path)?;
+                    self.disk.create(&path)?
+                } else {
+                    self.disk.reopen(&path)?
+                };
                 self.file.insert((id, path, file))
             }
         };
         Ok((path, file))
-    }
-
-    fn create(&self, path: &Path) -> Result<File, DiskError> {
-        // Only the first shard of a row finds its directory missing.
-        let parent = path.parent().filter(|parent| !parent.exists());
-        parent.map_or(Ok(()), |parent| self.disk.create_dir_all(parent))?;
-        self.disk.create(path)
     }
 }
 
@@ -209,31 +208,6 @@ fn holds(file: &File, offset: u64, bytes: &[u8]) -> io::Result<bool> {
         }
         at += piece.len() as u64;
     }
-    Ok(true)
-}
-
-/// Renames a finished shard to its final name and records it in the journal, which makes it durable. Returns `false` if
-/// an earlier run did.
-pub(crate) fn settle(
-    disk: &Disk,
-    store: &Path,
-    layout: &Layout,
-    journal: &mut Journal,
-    shard: &Finished,
-) -> Result<bool, DiskError> {
-    if shard.done_before {
-        return Ok(false);
-    }
-    if shard.fingerprint.has_file() {
-        let path = layout.shard_path(store, shard.id);
-        if !disk.syncs_as_one() {
-            let temporary = temporary(&path);
-            let file = disk.reopen(&temporary)?;
-            disk.sync(&temporary, &file)?;
-        }
-        disk.name(&path)?;
-    }
-    journal.add(disk, store, &layout.shard_path(Path::new(""), shard.id), shard.fingerprint)?;
     Ok(true)
 }
 

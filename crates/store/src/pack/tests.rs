@@ -5,6 +5,7 @@ mod limits;
 mod output;
 mod panics;
 mod shard_times;
+pub(crate) mod trial;
 
 use super::disk::Disk;
 use super::*;
@@ -14,11 +15,13 @@ use crate::shard_file::IoMode;
 use crate::store::Store;
 use brickyard_import::{Access, SourceInfo};
 use brickyard_volume::{
-    BrickId, BrickIndex, Extent, Geometry, Level, OccupancyBins, Orientation, Pyramid, TimeAxis, Voxel, VoxelBox,
+    BrickId, BrickIndex, ChannelLook, Extent, Geometry, Level, OccupancyBins, Orientation, Pyramid, TimeAxis, Voxel,
+    VoxelBox,
 };
 use proptest::prelude::*;
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicI64, AtomicU32, Ordering};
+use trial::Trial;
 
 /// An in-memory array as a source.
 pub(crate) struct Array<T> {
@@ -754,7 +757,7 @@ fn check_resuming<T: Voxel>(source: &Array<T>, fresh: &PackOptions, shards: u64)
     let (mut n, mut resumed_most) = (0, 0);
     loop {
         let store = dir.path().join(format!("{n}.zarr"));
-        let disk = Disk { fuse: Some(AtomicI64::new(n)), ..Disk::default() };
+        let disk = Trial::disk_of(n);
         match pack_on(&disk, source, &store, fresh, &()) {
             Ok(_) => break,
             Err(PackError::Incomplete { done, total, needed_bytes, .. }) => {
@@ -863,12 +866,12 @@ fn resume_checks_the_journal_against_the_files() {
     let store = dir.path().join("s.zarr");
     // All shards are finished; only the root document fails.
     let changes = {
-        let disk = Disk { fuse: Some(AtomicI64::new(i64::MAX)), ..Disk::default() };
+        let disk = Trial::disk_of(i64::MAX);
         pack_on(&disk, &source, &store, &fresh, &()).unwrap();
-        i64::MAX - disk.fuse.unwrap().load(Ordering::SeqCst)
+        i64::MAX - disk.trial.fuse.unwrap().load(Ordering::SeqCst)
     };
     std::fs::remove_dir_all(&store).unwrap();
-    let disk = Disk { fuse: Some(AtomicI64::new(changes - 4)), ..Disk::default() };
+    let disk = Trial::disk_of(changes - 4);
     pack_on(&disk, &source, &store, &fresh, &()).unwrap_err();
     // Power loss: a file missing, one cut short, one with other bytes of the same length, a torn line.
     std::fs::remove_file(store.join("0/c/0/0/1")).unwrap();

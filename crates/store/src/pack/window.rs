@@ -7,11 +7,10 @@ use memmap2::MmapMut;
 use rustix::fs::{FallocateFlags, fallocate};
 use std::fs::File;
 use std::io::{self, Write};
-use std::ops::{Deref, DerefMut};
 use std::path::Path;
 
 pub(crate) struct Window {
-    bytes: Backing,
+    bytes: MmapMut,
     voxel_bytes: usize,
     /// Extent of the level; its `z` slices pass through the ring one after another.
     extent: Extent,
@@ -21,46 +20,22 @@ pub(crate) struct Window {
     pub(crate) filled: u32,
 }
 
-enum Backing {
-    Memory(Vec<u8>),
-    Scratch(MmapMut),
-}
-
-impl Deref for Backing {
-    type Target = [u8];
-    fn deref(&self) -> &[u8] {
-        match self {
-            Self::Memory(bytes) => bytes,
-            Self::Scratch(map) => map,
-        }
-    }
-}
-
-impl DerefMut for Backing {
-    fn deref_mut(&mut self) -> &mut [u8] {
-        match self {
-            Self::Memory(bytes) => bytes,
-            Self::Scratch(map) => map,
-        }
-    }
-}
-
 impl Window {
     /// Creates a ring of `capacity` slices in memory, or in an unnamed file in the directory `scratch`, if given.
     ///
     /// # Errors
-    /// If the disk has no room for the scratch file.
+    /// If the disk has no room for the scratch file, or the system refuses the memory.
     pub(crate) fn new(extent: Extent, voxel_bytes: usize, capacity: u32, scratch: Option<&Path>) -> io::Result<Self> {
         let capacity = capacity as usize;
         let bytes = capacity * extent.x as usize * extent.y as usize * voxel_bytes;
         let bytes = match scratch {
-            None => Backing::Memory(vec![0; bytes]),
+            None => MmapMut::map_anon(bytes)?,
             Some(dir) => {
                 let mut file = tempfile::tempfile_in(dir).map_err(without_path)?;
                 reserve(&mut file, bytes as u64)?;
                 // SAFETY: the file has no name, so no one else can truncate or write it; its blocks are allocated, so
                 // no write through the map can run out of disk.
-                Backing::Scratch(unsafe { MmapMut::map_mut(&file)? })
+                unsafe { MmapMut::map_mut(&file)? }
             }
         };
         Ok(Self { bytes, voxel_bytes, extent, capacity, filled: 0 })

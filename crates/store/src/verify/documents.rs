@@ -8,40 +8,33 @@
 use crate::append::{FOREIGN_STEPS, foreign_steps};
 use crate::error::OpenError;
 use crate::json::{parse_json, read_json};
-use crate::metadata::{apron_document, level_document, root_document};
+use crate::metadata::{root_document, voxel_documents};
 use crate::shard_file::IoMode;
-use crate::side::{SideArray, level_arrays};
+use crate::side::side_documents;
 use crate::store::Store;
-use crate::verify::VerifyProblem;
+use crate::verify::{VerifyProblem, VerifyReport};
 use brickyard_import::is_of_process;
 use brickyard_volume::{Level, channel};
 use serde_json::Value;
 use std::ops::RangeInclusive;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
-/// Findings in a store's documents.
-pub(crate) struct Found {
-    pub(crate) problems: Vec<VerifyProblem>,
-    /// Permitted edits by other programs.
-    pub(crate) edits: Vec<VerifyProblem>,
-}
-
-/// Checks the main pyramid's root document, and the documents of these levels, each with its pyramid's store.
+/// Checks the main pyramid's root document, and the documents of these levels, each with its pyramid's store. Returns
+/// their problems and edits.
 ///
 /// # Errors
 /// If the process may not read one of them.
-pub(crate) fn check<'a>(main: &Store, levels: impl Iterator<Item = (&'a Store, Level)>) -> Result<Found, OpenError> {
+pub(crate) fn check<'a>(
+    main: &Store,
+    levels: impl Iterator<Item = (&'a Store, Level)>,
+) -> Result<VerifyReport, OpenError> {
     let mut documents = Vec::new();
     for (store, level) in levels {
-        let (layout, info) = (store.layout(), store.info());
-        let path = |of: &crate::layout::Layout| store.path().join(of.level_path(level)).join("zarr.json");
-        documents.push((path(layout), level_document(layout, level, info)));
-        if let Some(apron) = info.apron() {
-            let layout = layout.of_aprons();
-            documents.push((path(&layout), apron_document(&layout, level, apron, info)));
-        }
+        let (path, layout, info) = (store.path(), store.layout(), store.info());
+        documents.extend(voxel_documents(path, layout, level, info));
+        // In stores without appended steps, opening has compared them.
         if info.times.is_some() {
-            documents.extend(side_documents(store, level));
+            documents.extend(side_documents(path, layout, level, info));
         }
     }
     let found = documents.iter().map(|(path, _)| unless_barred(read_json(main.folder(), path)));
@@ -58,7 +51,8 @@ pub(crate) fn check<'a>(main: &Store, levels: impl Iterator<Item = (&'a Store, L
         let found = found.map(|found| with_committed_times(&expected, found, times.as_ref()));
         check_one(path, &expected, found)
     });
-    Ok(Found { problems: of_root.into_iter().chain(checked.flatten()).chain(foreign(main)).collect(), edits })
+    let problems = of_root.into_iter().chain(checked.flatten()).chain(foreign(main)).collect();
+    Ok(VerifyReport { problems, edits, ..VerifyReport::default() })
 }
 
 /// Fails if the process may not read the document.
@@ -106,24 +100,18 @@ fn take_edits(expected: &Value, root: &mut Value) -> Vec<String> {
     edits
 }
 
-/// Documents of a level's side data, and of its aprons'. In stores without appended steps, opening has compared them.
-fn side_documents(store: &Store, level: Level) -> Vec<(PathBuf, Value)> {
-    let arrays = level_arrays(store.path(), store.layout(), level, store.voxel_type());
-    let aprons = store.aprons().map(|aprons| SideArray::fingerprints(store.path(), aprons.layout(), level));
-    arrays.iter().chain(&aprons).map(|array| (array.document_path(), array.document())).collect()
-}
-
 /// Steps appended by another program, unless the store grows meanwhile.
 fn foreign(main: &Store) -> Option<VerifyProblem> {
-    let (path, what) = match foreign_steps(main) {
+    let problem = match foreign_steps(main) {
         Ok(found) => {
             let (path, found) = found?;
-            (path, format!("shape[0]: expected {}, found {found}: {FOREIGN_STEPS}", main.times()))
+            let what = format!("shape[0]: expected {}, found {found}: {FOREIGN_STEPS}", main.times());
+            VerifyProblem { brick: None, path, what }
         }
-        Err(error) => (main.path().to_path_buf(), without_path(&error.to_string(), main.path())),
+        Err(error) => VerifyProblem::of_file(main.path().into(), &error),
     };
     let has_grown = main.newer().is_ok_and(|newer| newer.is_some());
-    (!has_grown).then_some(VerifyProblem { brick: None, path, what })
+    (!has_grown).then_some(problem)
 }
 
 /// The expected and the actual root document. Since steps may have been appended, the expected one is generated from
@@ -158,17 +146,13 @@ fn with_committed_times(expected: &Value, mut found: Value, times: Option<&Range
 }
 
 fn check_one(path: PathBuf, expected: &Value, found: Result<Value, OpenError>) -> Option<VerifyProblem> {
-    let what = match found {
-        Ok(found) => difference(expected, &found, &mut String::new())?,
-        Err(OpenError::Io { error, .. }) => error.to_string(),
-        Err(error) => without_path(&error.to_string(), &path),
-    };
-    Some(VerifyProblem { brick: None, path, what })
-}
-
-/// A message without its file's path, which the problem already has.
-pub(super) fn without_path(message: &str, path: &Path) -> String {
-    message.strip_prefix(&format!("{}: ", path.display())).unwrap_or(message).to_owned()
+    match found {
+        Ok(found) => {
+            let what = difference(expected, &found, &mut String::new())?;
+            Some(VerifyProblem { brick: None, path, what })
+        }
+        Err(error) => Some(VerifyProblem::of_file(path, &error)),
+    }
 }
 
 /// The first difference from the expected document. Unexpected keys belong to others.

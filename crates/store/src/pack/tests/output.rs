@@ -182,7 +182,7 @@ fn the_lock_of_a_file_without_its_name_is_none() {
         next.declare(&Disk::default()).unwrap();
         to_test.send(next).unwrap();
     };
-    disk.meanwhile.lock().unwrap().push(("the lock file is open", Box::new(others)));
+    disk.trial.waiting.lock().unwrap().push(("the lock file is open", Box::new(others)));
     let error = lock::DirLock::take(&disk, dir.path()).err().expect("the other has it");
     assert!(is_me(&error), "{error}");
     drop(next.recv().unwrap());
@@ -203,7 +203,7 @@ fn the_place_beside_a_store_goes_with_the_last_lock() {
         std::fs::create_dir(&beside).unwrap();
         std::fs::remove_dir_all(replaced).unwrap();
     };
-    disk.meanwhile.lock().unwrap().push(("it is decided", Box::new(others)));
+    disk.trial.waiting.lock().unwrap().push(("it is decided", Box::new(others)));
     pack_on(&disk, &source(), &store, &variant(1, Exists::Overwrite), &()).unwrap();
     assert_eq!(names(dir.path()), ["s.zarr"]);
 }
@@ -215,7 +215,7 @@ fn what_was_seen_before_the_lock_is_looked_at_again() {
     let store = dir.path().join("s.zarr");
     let with_others = |exists, others: Box<dyn FnOnce() + Send>| {
         let disk = Disk::default();
-        disk.meanwhile.lock().unwrap().push(("it is decided", others));
+        disk.trial.waiting.lock().unwrap().push(("it is decided", others));
         pack_on(&disk, &source(), &store, &variant(0, exists), &())
     };
     let other = |options: PackOptions| {
@@ -255,7 +255,7 @@ fn the_old_store_goes_with_a_lock_file_that_nobody_holds() {
     for cannot_exchange in [false, true] {
         pack(&source(), &store, &variant(0, Exists::Overwrite), &()).unwrap();
         std::fs::write(store.join(crate::layout::LOCK_NAME), "999999999 elsewhere\n").unwrap();
-        let (disk, last) = (Disk { cannot_exchange, ..Disk::default() }, variant(1, Exists::Overwrite));
+        let (disk, last) = (Trial { cannot_exchange, ..Trial::default() }.disk(), variant(1, Exists::Overwrite));
         pack_on(&disk, &source(), &store, &last, &()).unwrap();
         assert_whole(&store, &[fingerprint(&settings(&source(), &last))], &format!("{cannot_exchange}"));
     }
@@ -271,7 +271,7 @@ fn overwritten_but_for_the_old(store: &Path, settings: usize) -> impl FnOnce() +
         to_test.send(()).unwrap();
         waits.recv().unwrap();
     };
-    disk.meanwhile.lock().unwrap().push(("the names are exchanged", Box::new(stop)));
+    disk.trial.waiting.lock().unwrap().push(("the names are exchanged", Box::new(stop)));
     let pack = move || pack_on(&disk, &source(), &store, &variant(settings, Exists::Overwrite), &()).unwrap();
     let running = std::thread::spawn(pack);
     exchanged.recv().unwrap();
@@ -298,10 +298,10 @@ fn names_that_are_exchanged_while_they_are_looked_at_are_looked_at_again() {
     let at_second_look = move || second.recv().unwrap()();
     let moment = "one of two names was looked at";
     let disk = Disk::default();
-    disk.meanwhile.lock().unwrap().push((moment, Box::new(at_first_look)));
-    disk.meanwhile.lock().unwrap().push((moment, Box::new(at_second_look)));
+    disk.trial.waiting.lock().unwrap().push((moment, Box::new(at_first_look)));
+    disk.trial.waiting.lock().unwrap().push((moment, Box::new(at_second_look)));
     pack_on(&disk, &source(), &store, &variant(0, Exists::Overwrite), &()).unwrap();
-    assert!(disk.meanwhile.lock().unwrap().is_empty());
+    assert!(disk.trial.waiting.lock().unwrap().is_empty());
     assert_whole(&store, &[fingerprint(&settings(&source(), &variant(0, Exists::Refuse)))], "the last one's");
 }
 
@@ -419,9 +419,9 @@ fn an_overwrite_stopped_at_any_change_leaves_a_whole_store_and_is_finished() {
             let dir = tempfile::tempdir().unwrap();
             let store = dir.path().join("s.zarr");
             pack(&small(), &store, &old, &()).unwrap();
-            let disk = Disk { fuse: Some(AtomicI64::new(fuse)), cannot_exchange, ..Disk::default() };
+            let disk = Trial { fuse: Some(AtomicI64::new(fuse)), cannot_exchange, ..Trial::default() }.disk();
             let stopped = pack_on(&disk, &small(), &store, &new, &());
-            (dir, store, stopped, disk.log.into_inner().unwrap())
+            (dir, store, stopped, disk.trial.log.into_inner().unwrap())
         };
         let (_dir, store, done, log) = overwrite(i64::MAX);
         done.unwrap();
@@ -444,7 +444,7 @@ fn an_overwrite_stopped_at_any_change_leaves_a_whole_store_and_is_finished() {
                 without += 1;
                 assert_same(&old_files, &files(&dir.path().join("s.zarr.replaced")), &what);
             }
-            let disk = Disk { cannot_exchange, ..Disk::default() };
+            let disk = Trial { cannot_exchange, ..Trial::default() }.disk();
             // Every other time by starting over.
             let exists = if n % 2 == 0 { Exists::Resume } else { Exists::Overwrite };
             let ended = pack_on(&disk, &small(), &store, &PackOptions { exists, ..new.clone() }, &());
@@ -467,10 +467,16 @@ fn what_lasts_lasts_before_what_tells_of_it() {
     let dir = tempfile::tempdir().unwrap();
     let store = dir.path().join("new/folder/s.zarr");
     let changes = |options: &PackOptions, syncs_each: bool| {
-        let disk = Disk { syncs_each, ..Disk::default() };
+        let disk = Trial { syncs_each, ..Trial::default() }.disk();
         pack_on(&disk, &source(), &store, options, &()).unwrap();
         let name = |path: &Path| path.strip_prefix(dir.path()).unwrap().to_string_lossy().into_owned();
-        disk.log.into_inner().unwrap().iter().map(|(what, path)| format!("{what} {}", name(path))).collect::<Vec<_>>()
+        disk.trial
+            .log
+            .into_inner()
+            .unwrap()
+            .iter()
+            .map(|(what, path)| format!("{what} {}", name(path)))
+            .collect::<Vec<_>>()
     };
     // The last occurrence of the one precedes the first of the other.
     let check = |log: &[String], before: &str, after: &str| {

@@ -83,7 +83,7 @@ fn ends(store: &Path, faulty: Faulty, options: &PackOptions) -> Result<PackRepor
             At::Change(n) => n,
             _ => i64::MAX,
         };
-        let disk = Disk { fuse: Some(AtomicI64::new(fuse)), panics: true, ..Disk::default() };
+        let disk = Trial { fuse: Some(AtomicI64::new(fuse)), panics: true, ..Trial::default() }.disk();
         let faulty = Arc::new(faulty);
         to_watchdog.send(pack_on(&disk, &*faulty, &store, &options, &*faulty)).unwrap();
     });

@@ -4,6 +4,7 @@ use super::*;
 use crate::layout::ShardId;
 use crate::pack::shards::{finishing_bytes, open_bytes};
 use crate::shard::{BrickRange, Fingerprint, ShardIndex, encode_index, index_bytes};
+use crate::side::{SideArray, level_arrays};
 use crate::test_store::edit_page;
 use std::collections::BTreeSet;
 
