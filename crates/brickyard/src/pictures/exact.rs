@@ -129,26 +129,25 @@ impl ExactRenderer {
     ) -> Result<Picture, ExactPictureError> {
         let begun = Instant::now();
         self.renderer.draw_until(begun.checked_add(max_wait));
-        for _ in 0..MAX_LOSSES {
+        let mut losses = 0;
+        let picture = loop {
             match self.try_scene(scene, begun, max_wait, stats) {
-                Err(ExactPictureError::Backend(error)) if error.is_loss() => {
+                Err(ExactPictureError::Backend(error)) if error.is_loss() && losses < MAX_LOSSES => {
+                    losses += 1;
                     tracing::warn!("{error}; the device is opened again");
                     stats.device_losses += 1;
                     self.renderer.renew()?;
                     self.renderer.draw_until(begun.checked_add(max_wait));
                     self.config.slots = self.renderer.slots(0);
                 }
-                Ok(picture) => {
-                    if stats.frames == 0 {
-                        (stats.first_image_ms, stats.settled_ms) = (ms(started), ms(started));
-                    }
-                    stats.frames += 1;
-                    return Ok(picture);
-                }
-                other => return other,
+                drawn => break drawn?,
             }
+        };
+        if stats.frames == 0 {
+            (stats.first_image_ms, stats.settled_ms) = (ms(started), ms(started));
         }
-        self.try_scene(scene, begun, max_wait, stats)
+        stats.frames += 1;
+        Ok(picture)
     }
 
     fn try_scene(
