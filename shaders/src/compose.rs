@@ -3,7 +3,7 @@
 //! A line `//!import a b` of a file, behind its head comment, lists its needs: files, in any folder, or *parts* chosen by the variant (a
 //! file of the part's folder, or text made for the variant). Each is taken once; anything not imported is absent.
 
-use crate::bindings;
+use crate::{bindings, layout};
 use std::collections::{HashMap, HashSet};
 
 macro_rules! files {
@@ -47,9 +47,11 @@ const IMPORT: &str = "//!import";
 pub(crate) struct Parts(HashMap<&'static str, String>);
 
 impl Parts {
-    /// Creates parts with only `bindings` chosen: the numbers of all bindings, as constants.
+    /// Creates parts with only those chosen that all variants share: `bindings`, the numbers of all bindings as constants, and the structs of
+    /// `layout` by their names.
     pub(crate) fn new() -> Self {
-        Self::default().text("bindings", bindings::wgsl())
+        let bindings = Self::default().text("bindings", bindings::wgsl());
+        layout::wgsl().into_iter().fold(bindings, |parts, (name, text)| parts.text(name, text))
     }
 
     /// Chooses a file of the part's folder for it. No file may have the part's name.

@@ -16,6 +16,7 @@
 //! | part | role |
 //! | --- | --- |
 //! | `bindings` | the numbers of all bindings: text of the table in [`bindings`] |
+//! | `Frame`, `RayBrick` and others | the struct of that name: text made from its declaration in `layout` |
 //! | `context` | constants of the variant and of the current layer: text; for several layers, also variables, set for each in turn |
 //! | `atlas` | the atlases and stored gradients, and their samples (`sample_atlas`, `smooth_atlas` for gradients, `sample_gradients`): text that imports `sample` or `sample_cubic`; `sample_voxels` or `sample_cubic_voxels` for 32-bit floats, narrow windows, and voxels without a value; also `sample_nearest` or `sample_nearest_voxel` for fields with steps |
 //! | `world` | the map from voxels to the scene's world: `to_world`, `gradient_to_world` |
@@ -167,9 +168,13 @@ pub struct Variant {
 }
 
 impl Variant {
-    /// Whether the march takes single samples instead of segments from end to end.
-    const fn has_samples(&self) -> bool {
-        !matches!(self.gather, Gather::Isosurface) && self.is_plain()
+    /// The units of the march, and the end of its files' names: a surface, single samples, or segments from end to end.
+    const fn march(&self) -> &'static str {
+        match self.gather {
+            Gather::Isosurface => "surface",
+            _ if self.is_plain() => "samples",
+            _ => "medium",
+        }
     }
 
     const fn is_plain(&self) -> bool {
@@ -183,12 +188,7 @@ pub const MARK_STEPS: u32 = 255;
 
 /// WGSL source of the `sorted` compositor's march through one layer, with entry points `proxy` and `march`.
 pub fn sorted(variant: &Variant) -> String {
-    let march = match variant.gather {
-        _ if variant.has_samples() => "march_samples",
-        Gather::Isosurface => "march_surface",
-        _ => "march_medium",
-    };
-    variant.parts().compose(&[march])
+    variant.parts().compose(&[&format!("march_{}", variant.march())])
 }
 
 /// The kind of shader for ray casting.
@@ -233,13 +233,9 @@ pub fn raycast(variant: &Variant, stage: Stage, marks: bool) -> String {
         Gather::Average => "sees_average",
         Gather::Isosurface => "sees_surface",
     };
-    let cast = match variant.gather {
-        _ if variant.has_samples() => "raycast_samples",
-        Gather::Isosurface => "raycast_surface",
-        _ => "raycast_medium",
-    };
+    let cast = format!("raycast_{}", variant.march());
     let mark = if variant.gather.occludes() && marks { "mark" } else { "mark_none" };
-    let parts = variant.parts().file("sees", sees).file("cast", cast).file("feedback", mark);
+    let parts = variant.parts().file("sees", sees).file("cast", &cast).file("feedback", mark);
     stage.part(parts).compose(&[stage.root()])
 }
 
