@@ -121,7 +121,7 @@ impl AdapterReport {
         Self {
             name: info.name,
             backend: info.backend.to_string(),
-            kind: kind(info.device_type),
+            kind: rank(info.device_type).1,
             driver: format!("{} {}", info.driver, info.driver_info).trim().to_string(),
             max_texture_3d: limits.max_texture_dimension_3d,
             max_texture_2d: limits.max_texture_dimension_2d,
@@ -133,13 +133,14 @@ impl AdapterReport {
     }
 }
 
-fn kind(device_type: DeviceType) -> &'static str {
+/// The rank of a kind of adapter, the best first, and its name.
+fn rank(device_type: DeviceType) -> (u8, &'static str) {
     match device_type {
-        DeviceType::DiscreteGpu => "discrete GPU",
-        DeviceType::IntegratedGpu => "integrated GPU",
-        DeviceType::VirtualGpu => "virtual GPU",
-        DeviceType::Cpu => "software",
-        DeviceType::Other => "other",
+        DeviceType::DiscreteGpu => (0, "discrete GPU"),
+        DeviceType::IntegratedGpu => (1, "integrated GPU"),
+        DeviceType::VirtualGpu => (2, "virtual GPU"),
+        DeviceType::Other => (3, "other"),
+        DeviceType::Cpu => (4, "software"),
     }
 }
 
@@ -171,13 +172,7 @@ fn ranked_adapters() -> Vec<wgpu::Adapter> {
     if let Ok(name) = std::env::var("WGPU_ADAPTER_NAME") {
         found.retain(|a| a.get_info().name.to_lowercase().contains(&name.to_lowercase()));
     }
-    found.sort_by_key(|a| match a.get_info().device_type {
-        DeviceType::DiscreteGpu => 0,
-        DeviceType::IntegratedGpu => 1,
-        DeviceType::VirtualGpu => 2,
-        DeviceType::Other => 3,
-        DeviceType::Cpu => 4,
-    });
+    found.sort_by_key(|adapter| rank(adapter.get_info().device_type));
     found
 }
 

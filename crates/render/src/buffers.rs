@@ -54,6 +54,26 @@ pub(crate) fn entry(binding: u32, resource: BindingResource<'_>) -> wgpu::BindGr
     wgpu::BindGroupEntry { binding, resource }
 }
 
+/// Creates a texture, of one level and of one sample a texel.
+pub(crate) fn texture(
+    device: &wgpu::Device,
+    label: &str,
+    (size, dimension): (wgpu::Extent3d, wgpu::TextureDimension),
+    format: wgpu::TextureFormat,
+    usage: wgpu::TextureUsages,
+) -> wgpu::Texture {
+    device.create_texture(&wgpu::TextureDescriptor {
+        label: Some(label),
+        size,
+        mip_level_count: 1,
+        sample_count: 1,
+        dimension,
+        format,
+        usage,
+        view_formats: &[],
+    })
+}
+
 pub(crate) fn buffer(device: &wgpu::Device, label: &str, size: u64, usage: BufferUsages) -> wgpu::Buffer {
     device.create_buffer(&wgpu::BufferDescriptor { label: Some(label), size, usage, mapped_at_creation: false })
 }

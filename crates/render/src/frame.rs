@@ -162,11 +162,9 @@ pub(crate) fn frame_uniform(
         jitter_seed,
         thresholds,
         surfaces,
-        mesh_far: 0.0,
         gradient_edge: atlas.nodes.along() as f32,
         first_gradient: apron as f32 + atlas.nodes.first(),
         grid_at: table.grid_at,
-        first_px: 0,
         adaptive_step: frame.table.adaptive_step() as f32,
         adds: (blend == Blend::Add) as u32 as f32,
         opacity: opacity as f32,
@@ -178,9 +176,7 @@ pub(crate) fn frame_uniform(
         slopes: slopes.map(|slope| (slope / steepest).extend(steepest * frame.lattice.step).as_vec4().to_array()),
         zone_starts: frame.lattice.zone_starts,
         planes: planes(frame),
-        list_at: [0; 2],
         flat: (frame.encoding.flat_codes() / frame.encoding.span_codes()) as f32,
-        spare: 0.0,
         first_slot: frame.encoding.first_slot(),
         per_slot: (frame.encoding.codes_per_slot() / frame.encoding.span_codes()) as f32,
         farthest_slots: frame.encoding.farthest_slots(),
@@ -193,7 +189,8 @@ pub(crate) fn frame_uniform(
         counts_per_code: table.counts_per_code,
         caps: frame.caps as u32,
         threshold_code: frame.surfaces.first().map_or(1e30, |first| code_of(first.threshold, frame)),
-        firsts: [0; 4],
+        // Set by the meshes, by marches and by their layers.
+        ..FrameUniform::default()
     }
 }
 
@@ -264,7 +261,7 @@ pub(crate) fn cell_instance(region: &VoxelBox, pixels: PixelShare) -> CellInstan
 
 pub(crate) fn cell_brick(cell: &DrawCell, pyramid: &Pyramid, atlas: &AtlasPlan, apron: u32) -> CellBrick {
     let (texel_scale, texel_offset) = texel_placement(cell, pyramid, atlas, apron);
-    CellBrick { texel_scale, is_there: 1, texel_offset, spare: 0.0 }
+    CellBrick { texel_scale, is_there: 1, texel_offset, ..CellBrick::default() }
 }
 
 #[cfg(test)]

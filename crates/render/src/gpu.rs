@@ -170,6 +170,30 @@ impl Gpu {
         }
     }
 
+    /// Creates a bind group.
+    pub(crate) fn bind_group(
+        &self,
+        label: &str,
+        layout: &wgpu::BindGroupLayout,
+        entries: &[wgpu::BindGroupEntry<'_>],
+    ) -> wgpu::BindGroup {
+        self.device.create_bind_group(&wgpu::BindGroupDescriptor { label: Some(label), layout, entries })
+    }
+
+    /// Creates a sampler that filters linearly.
+    pub(crate) fn linear_sampler(&self, label: &str) -> wgpu::Sampler {
+        let (mag_filter, min_filter) = (wgpu::FilterMode::Linear, wgpu::FilterMode::Linear);
+        let descriptor = wgpu::SamplerDescriptor { label: Some(label), mag_filter, min_filter, ..Default::default() };
+        self.device.create_sampler(&descriptor)
+    }
+
+    /// Records commands and submits them.
+    pub(crate) fn submit(&self, record: impl FnOnce(&mut wgpu::CommandEncoder)) -> wgpu::SubmissionIndex {
+        let mut encoder = self.device.create_command_encoder(&Default::default());
+        record(&mut encoder);
+        self.queue.submit([encoder.finish()])
+    }
+
     /// Allocates something of `requested_bytes` on the device.
     ///
     /// # Errors

@@ -2,8 +2,9 @@
 //! slot with the compositor's data for it.
 
 use crate::adapter::GpuFormats;
-use crate::atlas::{AtlasPlan, slot_bytes};
+use crate::atlas::{AtlasPlan, slot_bytes, texel_bytes};
 use crate::error::GpuError;
+use crate::pipelines::DISPLAY_FORMAT;
 use crate::transfer_table::{COMBINED, TableCapacity};
 use crate::upload::{MAX_BATCH, staging_bytes};
 use brickyard_pager::{BudgetRequest, VolumeNeeds, pools, share};
@@ -126,24 +127,22 @@ struct Ask {
 
 /// Returns the bytes of a row of the read-back buffer, padded as copies require.
 pub(crate) fn read_back_row_bytes(width_px: u32) -> u64 {
-    (width_px as u64 * 4).next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT as u64)
+    (width_px as u64 * texel_bytes(DISPLAY_FORMAT)).next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT as u64)
 }
 
-pub(crate) fn target_bytes(format: TextureFormat) -> u64 {
-    match format {
-        TextureFormat::Rgba32Float => 16,
-        TextureFormat::Rgba16Float | TextureFormat::Rg32Float => 8,
-        _ => 4,
-    }
+/// Returns the bytes of a pixel in a picture's targets: gathered samples, the two sums of joined projections, and the
+/// finished picture.
+pub(crate) fn pixel_bytes(gathered: u64, formats: &GpuFormats, is_joined: bool) -> u64 {
+    let sums = if is_joined { 2 * texel_bytes(formats.composite) } else { 0 };
+    gathered + sums + texel_bytes(DISPLAY_FORMAT)
 }
 
 /// Returns the bytes of a picture's targets, read-back buffer and answers. `is_joined` adds the two sums of joined
 /// projections.
 pub(crate) fn picture_bytes(formats: &GpuFormats, (width_px, height_px): (u32, u32), is_joined: bool) -> u64 {
     let pixels = width_px as u64 * height_px as u64;
-    let gather = target_bytes(formats.composite).max(target_bytes(formats.project));
-    let sums = if is_joined { 2 * target_bytes(formats.composite) } else { 0 };
-    pixels * (gather + sums + 4)
+    let gather = texel_bytes(formats.composite).max(texel_bytes(formats.project));
+    pixels * pixel_bytes(gather, formats, is_joined)
         + read_back_row_bytes(width_px) * height_px as u64
         + (1 + ANSWERS) * TIMESTAMP_BYTES
         + ANSWERS * COUNTS_BYTES
@@ -151,6 +150,9 @@ pub(crate) fn picture_bytes(formats: &GpuFormats, (width_px, height_px): (u32, u
 
 /// Format of the colours of a layer of meshes, finer than a picture's.
 pub(crate) const COLOR_FORMAT: TextureFormat = TextureFormat::Rgba16Float;
+
+/// Format of distances to a layer of meshes, as shares of [`Meshes::far`](crate::meshes::Meshes::far).
+pub(crate) const DEPTH_FORMAT: TextureFormat = TextureFormat::Depth32Float;
 
 /// Format of the triangle number in each pixel of a layer of meshes.
 pub(crate) const NUMBER_FORMAT: TextureFormat = TextureFormat::R32Uint;
@@ -169,13 +171,9 @@ pub(crate) fn mesh_bytes(room: MeshCapacity, pixels: u64, front: TextureFormat) 
     if room.is_none() {
         return 0;
     }
-    let per_pixel = 2 * (4 + target_bytes(NUMBER_FORMAT)) + target_bytes(COLOR_FORMAT) + target_bytes(front);
+    let per_layer = texel_bytes(DEPTH_FORMAT) + texel_bytes(NUMBER_FORMAT);
+    let per_pixel = 2 * per_layer + texel_bytes(COLOR_FORMAT) + texel_bytes(front);
     2 * geometry_bytes(room).iter().sum::<u64>() + 2 * COUNTS_BYTES + pixels * per_pixel
-}
-
-/// Returns the bytes of the largest mesh buffer visible to shaders.
-pub(crate) fn largest_mesh_bytes(room: MeshCapacity) -> u64 {
-    geometry_bytes(room).into_iter().max().unwrap_or(0)
 }
 
 impl MemoryNeeds<'_> {
@@ -219,7 +217,7 @@ impl MemoryNeeds<'_> {
     fn small_bytes(&self, asks: &[Ask]) -> Result<u64, GpuError> {
         let (width_px, height_px) = self.max_size_px;
         let room = self.layers[0].bricks.meshes;
-        let largest = largest_mesh_bytes(room);
+        let largest = geometry_bytes(room).into_iter().fold(0, u64::max);
         if largest > self.max_binding_bytes {
             return Err(GpuError::Meshes { bytes: largest, limit_bytes: self.max_binding_bytes });
         }
@@ -228,7 +226,8 @@ impl MemoryNeeds<'_> {
             Some(_) => 0,
         };
         let combined = if self.has_expressions { TableCapacity::of_places(COMBINED).bytes_staged() } else { 0 };
-        let left_eye = if self.has_two_eyes { width_px as u64 * height_px as u64 * 4 } else { 0 };
+        let left_eye =
+            if self.has_two_eyes { width_px as u64 * height_px as u64 * texel_bytes(DISPLAY_FORMAT) } else { 0 };
         Ok(picture_bytes(&self.formats, self.max_size_px, self.layers.len() > 1)
             + left_eye
             + mesh_bytes(room, width_px as u64 * height_px as u64, self.formats.composite)

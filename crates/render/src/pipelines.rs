@@ -55,24 +55,21 @@ pub(crate) enum Pipeline {
 
 /// The blending of cells: *over* from back to front, the greater, or the sum.
 fn blend(gather: Gather) -> wgpu::BlendState {
-    let (dst_factor, operation) = match gather {
-        Gather::Composite | Gather::Isosurface => (BlendFactor::OneMinusSrcAlpha, BlendOperation::Add),
-        Gather::Project => (BlendFactor::One, BlendOperation::Max),
-        Gather::Average => (BlendFactor::One, BlendOperation::Add),
-    };
-    let component = BlendComponent { src_factor: BlendFactor::One, dst_factor, operation };
+    match gather {
+        Gather::Composite | Gather::Isosurface => OVER,
+        Gather::Project => alike(BlendFactor::One, BlendOperation::Max),
+        Gather::Average => SUM,
+    }
+}
+
+/// Blends colours and opacity alike: a share of the source with all of the target.
+const fn alike(src_factor: BlendFactor, operation: BlendOperation) -> wgpu::BlendState {
+    let component = BlendComponent { src_factor, dst_factor: BlendFactor::One, operation };
     wgpu::BlendState { color: component, alpha: component }
 }
 
 /// Blends behind the target, premultiplied.
-const BEHIND: wgpu::BlendState = {
-    let component = BlendComponent {
-        src_factor: BlendFactor::OneMinusDstAlpha,
-        dst_factor: BlendFactor::One,
-        operation: BlendOperation::Add,
-    };
-    wgpu::BlendState { color: component, alpha: component }
-};
+const BEHIND: wgpu::BlendState = alike(BlendFactor::OneMinusDstAlpha, BlendOperation::Add);
 
 /// How a render pipeline assembles primitives, and its depth test.
 #[derive(Clone, Default)]
@@ -82,11 +79,7 @@ pub(crate) struct Shape {
 }
 
 /// Adds to the target.
-const SUM: wgpu::BlendState = {
-    let component =
-        BlendComponent { src_factor: BlendFactor::One, dst_factor: BlendFactor::One, operation: BlendOperation::Add };
-    wgpu::BlendState { color: component, alpha: component }
-};
+const SUM: wgpu::BlendState = alike(BlendFactor::One, BlendOperation::Add);
 
 /// Blends over the target, premultiplied.
 const OVER: wgpu::BlendState = wgpu::BlendState::PREMULTIPLIED_ALPHA_BLENDING;

@@ -10,8 +10,7 @@ use crate::adapter::{AdapterReport, GpuPreference};
 use crate::answers::{Answer, Answers};
 use crate::blit::{Blit, LastPicture};
 use crate::buffer_parts::{Ends, Part};
-use crate::buffers::RayBuffers;
-use crate::buffers::SharedBuffers;
+use crate::buffers::{RayBuffers, SharedBuffers};
 use crate::compositor::Compositor;
 use crate::error::GpuError;
 use crate::gpu::Gpu;
@@ -287,12 +286,8 @@ impl GpuRenderer {
         let peeled =
             meshes.as_ref().map(|meshes| Peeled::new(&gpu, meshes, &shared, recipe.max_size_px)).transpose()?;
         gpu.check()?;
-        let maker = Maker {
-            gpu: gpu.clone(),
-            compositor,
-            layouts: layouts.clone(),
-            meshes: meshes.as_ref().map(Meshes::layouts),
-        };
+        let of_meshes = meshes.as_ref().map(|meshes| meshes.layouts.clone());
+        let maker = Maker { gpu: gpu.clone(), compositor, layouts: layouts.clone(), meshes: of_meshes };
         Ok(Self {
             recipe,
             memory,
