@@ -193,8 +193,8 @@ fn measured(arguments: &BenchArguments, paths: &[&Path], scenario: Played) -> Re
         host_memory_bytes: arguments.host_memory,
         threads: threads(arguments.threads),
         skips_empty: !arguments.no_skipping,
-        keeps_decoded: true,
         live: true,
+        ..SessionOptions::default()
     };
     let frame_goal = arguments.frame_goal.map(|ms| Duration::from_millis(ms.into()));
     let (scene, size_px) = (&scene, arguments.size);

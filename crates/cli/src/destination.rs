@@ -112,22 +112,18 @@ impl Destination {
     /// If it cannot be written.
     pub(super) fn finish(self) -> Result<(), Failure> {
         match self {
-            Self::Pictures { output, count: 1 } => {
-                say!("wrote {}", output.display());
-                Ok(())
-            }
+            Self::Pictures { output, count: 1 } => say!("wrote {}", output.display()),
             Self::Pictures { output, count } => {
                 let [first, last] = [0, count - 1].map(|i| numbered(&output, i, count));
                 say!("wrote {count} pictures, {} to {}", first.display(), last.display());
-                Ok(())
             }
-            Self::Stdout => Ok(()),
+            Self::Stdout => {}
             Self::Movie { movie, path, count } => {
                 movie.finish().map_err(movie_failure)?;
                 say!("wrote {}, a movie of {count} pictures", path.display());
-                Ok(())
             }
         }
+        Ok(())
     }
 }
 

@@ -4,7 +4,7 @@ use super::failure::Failure;
 use super::heading;
 use super::session_args::processors;
 use super::{print_json, print_line, store_errors, values};
-use brickyard::backend::{BackendChoice, CompositorChoice};
+use brickyard::backend::BackendChoice;
 use brickyard::import::{SynthKind, SynthSource};
 use brickyard::memory::available_bytes;
 use brickyard::offline::render_settled;
@@ -122,14 +122,11 @@ fn trials_in(path: &std::path::Path) -> Result<Vec<Trial>, Failure> {
 fn trial(name: &'static str, backend: BackendChoice, store: &Arc<Store>, scene: &Scene, expected: &Picture) -> Trial {
     let options = SessionOptions {
         backend,
-        compositor: CompositorChoice::Auto,
         gpu_memory_bytes: 64 << 20,
         cpu_memory_bytes: 64 << 20,
         host_memory_bytes: 64 << 20,
         threads: processors(),
-        skips_empty: true,
-        keeps_decoded: true,
-        live: false,
+        ..SessionOptions::default()
     };
     let failed = |detail: String| Trial { backend: name, ok: false, detail, frame_ms: 0.0 };
     let mut session = Session::new(vec![VolumeSource::of_store(store)], options);

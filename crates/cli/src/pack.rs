@@ -29,7 +29,7 @@ pub(crate) fn run(mut arguments: PackArguments) -> Result<(), Failure> {
     let store = arguments.paths.pop().filter(|_| !arguments.paths.is_empty());
     let store =
         store.ok_or_else(|| Failure::usage("expected at least one input and the store to make: INPUT... STORE"))?;
-    let options = OpenOptions { are_labels: arguments.settings.are_labels(), ..arguments.input.options() };
+    let options = OpenOptions { are_labels: arguments.settings.store.are_labels(), ..arguments.input.options() };
     let source = import::open(&arguments.paths, &options).map_err(|error| store_errors::import_failure(&error))?;
     arguments.settings.pack(&*source, &store)
 }

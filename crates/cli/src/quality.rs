@@ -9,7 +9,7 @@ use super::scene_args::SceneArguments;
 use super::session_args::threads;
 use super::session_errors::session_failure;
 use super::{print_json, print_line, store_errors, values};
-use brickyard::backend::{BackendChoice, CompositorChoice};
+use brickyard::backend::BackendChoice;
 use brickyard::offline::OfflineError;
 use brickyard::picture_file::write_png;
 use brickyard::session::{SessionOptions, VolumeSource};
@@ -179,14 +179,11 @@ impl QualityArguments {
     fn session_options(&self) -> SessionOptions {
         SessionOptions {
             backend: BackendChoice::Cpu,
-            compositor: CompositorChoice::Auto,
             gpu_memory_bytes: self.gpu_memory,
             cpu_memory_bytes: self.gpu_memory,
             host_memory_bytes: self.host_memory,
             threads: threads(self.threads),
-            skips_empty: true,
-            keeps_decoded: true,
-            live: false,
+            ..SessionOptions::default()
         }
     }
 }
@@ -210,8 +207,8 @@ fn print_row(is_first: bool, row: &Row) -> Result<(), Failure> {
     }
     print_line(&format!(
         "| {} | {} | {} | {} | {:.1} / {:.1} / {:.1} | {:.1} | {:.1} % | {:.0} | {:.0} |",
-        filter_name(row.filter),
-        lighting_name(row.lighting),
+        FILTERS.name(&row.filter),
+        LIGHTINGS.name(&row.lighting),
         way_name(row),
         row.samples_per_voxel,
         row.rgb_db,
@@ -222,23 +219,6 @@ fn print_row(is_first: bool, row: &Row) -> Result<(), Failure> {
         row.frame_ms,
         row.cpu_ms,
     ))
-}
-
-fn filter_name(filter: Filter) -> &'static str {
-    match filter {
-        Filter::Nearest => "nearest",
-        Filter::Trilinear => "trilinear",
-        Filter::Tricubic => "tricubic",
-    }
-}
-
-fn lighting_name(lighting: LightingModel) -> &'static str {
-    match lighting {
-        LightingModel::None => "none",
-        LightingModel::Phong => "phong",
-        LightingModel::BlinnPhong => "blinn-phong",
-        LightingModel::Tone => "tone",
-    }
 }
 
 /// Returns the method, with its number of virtual samples unless it is the usual one.
@@ -254,7 +234,7 @@ fn way_name(row: &Row) -> String {
 fn write_map(folder: &Path, row: &Row, series: &Series) -> Result<(), Failure> {
     let colors = TransferFunction::preset("viridis", (10.0, 50.0), 1.0).map_err(Failure::failed)?;
     let map = series.map(|db| colors.rgb(db.min(1e3)));
-    let (filter, lighting, method) = (filter_name(row.filter), lighting_name(row.lighting), way_name(row));
+    let (filter, lighting, method) = (FILTERS.name(&row.filter), LIGHTINGS.name(&row.lighting), way_name(row));
     let file = format!("psnr-{filter}-{lighting}-{method}-{}.png", row.samples_per_voxel);
     let notes = [
         ("Software", format!("brickyard {}", env!("CARGO_PKG_VERSION"))),

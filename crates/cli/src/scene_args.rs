@@ -89,7 +89,7 @@ pub(crate) struct SceneArguments {
     background: Option<[f64; 3]>,
     /// Time step N; in `render` also several, a picture each: A:B, A:B:S (B excluded) or all [default: 0]
     #[arg(help_heading = heading::PART, long, value_name = "N|A:B[:S]|all", allow_negative_numbers = true)]
-    time: Option<StepRange>,
+    pub(crate) time: Option<StepRange>,
     #[command(flatten)]
     channels: ChannelArguments,
     /// Show only this box, world units
@@ -205,10 +205,6 @@ impl SceneArguments {
         }
     }
 
-    pub(crate) fn steps_asked(&self) -> Option<&StepRange> {
-        self.time.as_ref()
-    }
-
     /// Returns the time steps of the pictures: the flags', else the scene's own.
     ///
     /// # Errors
@@ -298,8 +294,7 @@ impl SceneArguments {
 
     fn stereo(&self, from_file: Option<Stereo>) -> Result<Option<Stereo>, Failure> {
         let moved = [("eye_separation", &self.eye_separation), ("convergence", &self.convergence)];
-        let named = |layout: &StereoLayout| STEREO_LAYOUTS.0.iter().find(|(_, value, _)| value == layout);
-        let layout = self.stereo.as_ref().and_then(named).map_or("side-by-side", |(name, ..)| name);
+        let layout = STEREO_LAYOUTS.name(&self.stereo.unwrap_or(StereoLayout::SideBySide));
         if let Some((field, value)) = moved.into_iter().find_map(|(field, value)| Some((field, value.as_ref()?))) {
             let flag = field.replace('_', "-");
             let line = format!(r#"{{"stereo": {{"layout": "{layout}", "{field}": {value}}}}}"#);

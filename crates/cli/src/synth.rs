@@ -79,9 +79,9 @@ pub(crate) fn run(arguments: SynthArguments) -> Result<(), Failure> {
     if output.extension().is_none_or(|e| e != "raw") {
         return Err(Failure::usage(format!("{}: expected a name ending in .raw or .zarr", output.display())));
     }
-    may_write(&output, settings.overwrite())?;
-    let progress = Progress::new(settings.progress(), "synth");
-    let written = write_raw(&source, &output, settings.overwrite(), &mut |done, total| progress.set(done, total));
+    may_write(&output, settings.overwrite)?;
+    let progress = Progress::new(settings.limits.progress, "synth");
+    let written = write_raw(&source, &output, settings.overwrite, &mut |done, total| progress.set(done, total));
     progress.finish();
     written.map_err(Failure::failed)
 }
@@ -111,7 +111,7 @@ fn simulate(
     }
     let mut reaction = Reaction::new(shape, seed);
     let threads = NonZeroUsize::new(options.threads).unwrap_or(NonZeroUsize::MIN);
-    let progress = Progress::new(settings.progress(), "synth");
+    let progress = Progress::new(settings.limits.progress, "synth");
     let mut appender = None;
     for step in 0..steps {
         let volume = reaction.step(voxel_type).ok_or_else(|| named("a simulation takes --dtype u8, u16 or f32"))?;

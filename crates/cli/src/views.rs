@@ -56,7 +56,7 @@ impl Views {
             (_, _, Some(file)) => {
                 let path = CameraPath::read(file)?;
                 path.check(VolumeSource::timeline(volumes, &scene).steps(), frames.is_some())?;
-                path.check_alone(arguments.scene.steps_asked())?;
+                path.check_alone(arguments.scene.time.as_ref())?;
                 Cameras::Path { path, count: frames }
             }
             _ => Cameras::One,
@@ -72,14 +72,6 @@ impl Views {
             Cameras::Path { path, count: None } => path.len(),
         };
         cameras.max(self.steps.len())
-    }
-
-    /// The first scene.
-    ///
-    /// # Errors
-    /// The errors of [`Views::scene`].
-    pub(super) fn first(&self) -> Result<Scene, Failure> {
-        self.scene(0)
     }
 
     /// Returns the scene of a picture.

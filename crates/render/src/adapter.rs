@@ -39,13 +39,10 @@ impl GpuFormats {
     /// in 32-bit floats costs little beside the march and keeps dozens of layers exact; half floats are off by about
     /// 1/2048 per layer.
     fn new(adapter: &wgpu::Adapter, enabled: Features) -> Self {
-        let filters = |format| {
-            let wanted = TextureFormatFeatureFlags::FILTERABLE;
-            let features = format_features(format);
-            enabled.contains(features) && adapter.get_texture_format_features(format).flags.contains(wanted)
-        };
-        let atlas_u16 =
-            if filters(TextureFormat::R16Unorm) { TextureFormat::R16Unorm } else { TextureFormat::R16Float };
+        let found = adapter.get_texture_format_features(TextureFormat::R16Unorm).flags;
+        let has_norm = enabled.contains(Features::TEXTURE_FORMAT_16BIT_NORM);
+        let filters_norm = has_norm && found.contains(TextureFormatFeatureFlags::FILTERABLE);
+        let atlas_u16 = if filters_norm { TextureFormat::R16Unorm } else { TextureFormat::R16Float };
         let widen = is_software(adapter) && atlas_u16 == TextureFormat::R16Unorm;
         let blends32 = enabled.contains(Features::FLOAT32_BLENDABLE);
         Self {
@@ -71,10 +68,6 @@ impl GpuFormats {
             SlotFormat::F32 => TextureFormat::R32Float,
         }
     }
-}
-
-fn format_features(format: TextureFormat) -> Features {
-    if format == TextureFormat::R16Unorm { Features::TEXTURE_FORMAT_16BIT_NORM } else { Features::empty() }
 }
 
 /// A graphics adapter's identity and capabilities.

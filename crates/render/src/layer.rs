@@ -70,9 +70,9 @@ impl GpuLayer {
         if self.table.as_ref().is_some_and(|(table, held)| *held == holds && is_wanted(table)) {
             return;
         }
-        let words = transfer_table::words(wanted, self.room(), holds);
-        gpu.queue.write_buffer(&shared.table, self.parts.table.at, bytemuck::cast_slice(&words.words));
-        self.sum_unit = words.sum_unit;
+        let (words, sum_unit) = transfer_table::words(wanted, self.room(), holds);
+        gpu.queue.write_buffer(&shared.table, self.parts.table.at, bytemuck::cast_slice(&words));
+        self.sum_unit = sum_unit;
         if let Some(rays) = rays {
             self.opaque = OpaqueCodes::new(wanted);
             let counts = bytemuck::cast_slice(self.opaque.before());

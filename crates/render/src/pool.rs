@@ -99,13 +99,9 @@ impl Pool {
     }
 
     pub(crate) fn check_list(&self, draw: &DrawList) -> Result<(), GpuError> {
-        match draw.cells.iter().find(|cell| cell.slot.0 >= self.slots()) {
-            None => Ok(()),
-            Some(cell) => {
-                let problem = format!("{} is drawn from slot {} of {}", cell.brick, cell.slot.0, self.slots());
-                Err(GpuError::Mismatch(problem))
-            }
-        }
+        let Some(cell) = draw.cells.iter().find(|cell| cell.slot.0 >= self.slots()) else { return Ok(()) };
+        let problem = format!("{} is drawn from slot {} of {}", cell.brick, cell.slot.0, self.slots());
+        Err(GpuError::Mismatch(problem))
     }
 
     /// Builds the octree over a layer's draw list. `opaque` lists the codes with opacity.

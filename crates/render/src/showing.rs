@@ -111,7 +111,7 @@ impl GpuRenderer {
         self.gpu.clone().scoped(|| {
             let Self { gpu, targets, reading, .. } = self;
             gpu.look()?;
-            if !reading.as_mut().map_or(Ok(false), |reading| reading.is_there(gpu))? {
+            if !reading.as_mut().map_or(Ok(false), |reading| reading.mapping.is_there(gpu))? {
                 return Ok(None);
             }
             let (Some(targets), Some(reading)) = (targets, reading.take()) else { return Err(no_target()) };

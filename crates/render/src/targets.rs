@@ -32,7 +32,7 @@ pub(crate) struct Targets {
 /// A picture on its way to the CPU.
 #[derive(Debug)]
 pub(crate) struct Reading {
-    mapping: Mapping,
+    pub(crate) mapping: Mapping,
     width_px: u32,
     height_px: u32,
     /// The rows on their way; others are black.
@@ -128,15 +128,5 @@ impl Targets {
             self.read_back = Some(buffer);
         }
         Ok(Picture { width: width_px, height: height_px, rgb })
-    }
-}
-
-impl Reading {
-    /// Whether the picture has reached the CPU. Does not poll the device.
-    ///
-    /// # Errors
-    /// If the device is lost.
-    pub(crate) fn is_there(&mut self, gpu: &Gpu) -> Result<bool, GpuError> {
-        self.mapping.is_there(gpu)
     }
 }
