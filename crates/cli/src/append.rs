@@ -2,12 +2,11 @@
 
 use super::advice::with_flags;
 use super::failure::{ExitKind, Failure};
-use super::heading;
 use super::input_args::InputArguments;
 use super::interrupt::Interrupt;
 use super::pack_settings::{PackingLimits, StoreSettings, Watcher, note_non_finite, note_uncalibrated};
 use super::say::say;
-use super::store_errors;
+use super::{heading, store_errors};
 use brickyard::import::{self, HeldAs, NoData, OpenOptions, Source};
 use brickyard::store::{AppendError, Appender, Kind, OpenError, PackError, Store};
 use brickyard::volume::counted;

@@ -1,15 +1,13 @@
 //! `brickyard bench`: measured flights over stores and playbacks of their time steps, as tables.
 
-use super::bench_play::{self, PlayArguments};
-use super::failure::Failure;
-use super::heading;
+use super::bench_play::{self, PlayArguments, mib, three};
 use super::named::Named;
 use super::output::{is_stdout, may_write_data, write_json};
 use super::sampling_args::SamplingArguments;
 use super::scene_args::SceneArguments;
 use super::session_args::{BACKENDS, COMPOSITORS, threads};
 use super::session_errors::session_failure;
-use super::{print_json, print_line, store_errors, values};
+use super::{Failure, heading, print_json, print_line, store_errors, values};
 use brickyard::backend::{BackendChoice, CompositorChoice};
 use brickyard::session::SessionOptions;
 use brickyard_measure::flight::{FlightError, FlightPlan, FlightReport, fly, forget_pages};
@@ -234,30 +232,22 @@ fn line(row: &Row<'_>) -> String {
             return bench_play::line(&stores, &format!("{scenario}{cold}"), report);
         }
     };
-    let mib = |bytes: u64| bytes as f64 / (1 << 20) as f64;
     let share = |part: u64, whole: u64| if whole == 0 { 0.0 } else { part as f64 / whole as f64 };
     format!(
-        "| {stores} | {}{} | {:.1} | {:.0} | {:.0} | {:.0} / {:.0} / {:.0} | {:.0} % | {:.0} | {:.1} % | {:.0} / {:.0} / {:.0} | {:.2} | \
-         {:.1} % | {:.0} / {:.0} / {:.0} | {}, {} |",
+        "| {stores} | {}{} | {:.1} | {:.0} | {:.0} | {} | {:.0} % | {:.0} | {:.1} % | {} | {:.2} | {:.1} % | {} | {}, {} |",
         r.scenario.name(),
         cold,
         r.open_ms,
         r.first_picture_ms,
         r.settled_ms,
-        r.frame_ms.p50,
-        r.frame_ms.p95,
-        r.frame_ms.p99,
+        three([r.frame_ms.p50, r.frame_ms.p95, r.frame_ms.p99]),
         r.quality * 100.0,
         r.settle_after_ms,
         r.completeness * 100.0,
-        mib(r.bytes.read),
-        mib(r.bytes.decoded),
-        mib(r.bytes.uploaded),
+        three([r.bytes.read, r.bytes.decoded, r.bytes.uploaded].map(mib)),
         share(r.bricks_decoded, r.bricks.uploaded),
         share(r.bricks.reuploaded, r.bricks.uploaded) * 100.0,
-        mib(r.gpu_bytes_peak),
-        mib(r.host_bytes_peak),
-        mib(r.anonymous_peak),
+        three([r.gpu_bytes_peak, r.host_bytes_peak, r.anonymous_peak].map(mib)),
         r.uncovered_frames,
         r.frames_over_budget,
     )

@@ -35,17 +35,26 @@ impl PlayArguments {
     }
 }
 
+pub(super) fn mib(bytes: u64) -> f64 {
+    bytes as f64 / (1 << 20) as f64
+}
+
+/// Formats three whole numbers for one cell.
+pub(super) fn three(numbers: [f64; 3]) -> String {
+    numbers.map(|number| format!("{number:.0}")).join(" / ")
+}
+
 pub(super) const HEAD: &str = "\
 | stores | scenario | start ms | steps/s | shown, late, dropped | levels shown, finest first | jump ms p50 / p95 | whole ms p50 / p95 | quality | draw ms p50 / p95 | \
 stream ms p50 / p95 | CPU ms a step | bricks decoded / uploaded / shared a step | read / decoded / uploaded KiB a step | limit | backend / host / anonymous MiB | uncovered, mixed |
 | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |";
 
 pub(super) fn line(stores: &str, scenario: &str, r: &PlayReport) -> String {
-    let (kib, mib) = (|bytes: u64| bytes as f64 / 1024.0, |bytes: u64| bytes as f64 / (1 << 20) as f64);
+    let kib = |bytes: u64| bytes as f64 / 1024.0;
     let levels: Vec<String> = r.levels.iter().map(|share| format!("{:.0} %", share * 100.0)).collect();
     format!(
         "| {stores} | {scenario} | {:.0} | {:.1} | {}, {}, {} | {} | {:.0} / {:.0} | {:.0} / {:.0} | {:.0} % | {:.1} / {:.1} | {:.2} / {:.2} | {:.1} | \
-         {:.1} / {:.1} / {:.1} | {:.0} / {:.0} / {:.0} | {} | {:.0} / {:.0} / {:.0} | {}, {} |",
+         {:.1} / {:.1} / {:.1} | {} | {} | {} | {}, {} |",
         r.start_ms,
         r.steps_per_second,
         r.shown,
@@ -65,13 +74,9 @@ pub(super) fn line(stores: &str, scenario: &str, r: &PlayReport) -> String {
         r.decoded_per_step,
         r.uploaded_per_step,
         r.shared_per_step,
-        kib(r.bytes_per_step.read),
-        kib(r.bytes_per_step.decoded),
-        kib(r.bytes_per_step.uploaded),
+        three([r.bytes_per_step.read, r.bytes_per_step.decoded, r.bytes_per_step.uploaded].map(kib)),
         r.limit,
-        mib(r.gpu_bytes_peak),
-        mib(r.host_bytes_peak),
-        mib(r.anonymous_peak),
+        three([r.gpu_bytes_peak, r.host_bytes_peak, r.anonymous_peak].map(mib)),
         r.uncovered,
         r.mixed,
     )

@@ -1,6 +1,6 @@
 //! Files of camera paths: JSON lists of cameras, each with an optional time step.
 
-use super::failure::Failure;
+use super::Failure;
 use super::step_range::StepRange;
 use brickyard::text_file::read_text;
 use brickyard::volume::{Camera, Projection};

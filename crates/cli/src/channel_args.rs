@@ -1,10 +1,8 @@
 //! `--channel`, and the look of channels: the choice of a store's channels, by number or name, with their window,
 //! colour, opacity and gamma.
 
-use super::failure::Failure;
-use super::heading;
 use super::say::say;
-use super::values;
+use super::{Failure, heading, values};
 use brickyard::channels::{channel_layers, default_layers};
 use brickyard::session::VolumeSource;
 use brickyard::store::ChannelStatistics;

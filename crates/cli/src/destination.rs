@@ -1,10 +1,9 @@
 //! The destination of a `render`'s pictures: numbered files, or a movie.
 
-use super::failure::Failure;
 use super::output::{is_stdout, may_write_data, may_write_file, may_write_png};
-use super::printed;
 use super::render_args::RenderArguments;
 use super::say::say;
+use super::{Failure, printed};
 use brickyard::movie_file::{MovieError, MovieFile};
 use brickyard::picture_file::{send_shown, write_shown};
 use brickyard::stats::RenderStats;

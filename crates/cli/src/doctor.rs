@@ -1,13 +1,11 @@
 //! `brickyard doctor`: this machine's capabilities, and a small volume packed and rendered by every backend as a proof.
 
-use super::failure::Failure;
-use super::heading;
 use super::session_args::processors;
-use super::{print_json, print_line, store_errors, values};
+use super::{Failure, heading, print_json, print_line, store_errors, values};
 use brickyard::backend::BackendChoice;
 use brickyard::import::{SynthKind, SynthSource};
 use brickyard::memory::available_bytes;
-use brickyard::offline::render_settled;
+use brickyard::offline::{OfflineError, render_settled};
 use brickyard::oracle::render_reference;
 use brickyard::render::adapters;
 use brickyard::session::{Session, SessionOptions, VolumeSource, resolve};
@@ -128,16 +126,15 @@ fn trial(name: &'static str, backend: BackendChoice, store: &Arc<Store>, scene: 
         threads: processors(),
         ..SessionOptions::default()
     };
-    let failed = |detail: String| Trial { backend: name, ok: false, detail, frame_ms: 0.0 };
     let mut session = Session::new(vec![VolumeSource::of_store(store)], options);
-    let resolved = match session.resolve(scene, SIZE) {
-        Ok(resolved) => resolved,
-        Err(error) => return failed(error.to_string()),
-    };
     let (mut stats, mut frame_ms) = (RenderStats::default(), Vec::new());
     let wait = Duration::from_secs(20);
-    match render_settled(&mut session, &resolved, wait, Instant::now(), &mut stats, &mut frame_ms) {
-        Err(error) => failed(error.to_string()),
+    let drawn = session
+        .resolve(scene, SIZE)
+        .map_err(OfflineError::Session)
+        .and_then(|resolved| render_settled(&mut session, &resolved, wait, Instant::now(), &mut stats, &mut frame_ms));
+    match drawn {
+        Err(error) => Trial { backend: name, ok: false, detail: error.to_string(), frame_ms: 0.0 },
         Ok(picture) => {
             let difference = picture.difference(expected);
             let same = difference.max <= 1 || difference.psnr_db >= 50.0;

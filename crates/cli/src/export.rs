@@ -1,13 +1,11 @@
 //! `brickyard export`: a level, or a box of it, of one time step or several, to a plain file.
 
-use super::failure::Failure;
-use super::heading;
 use super::interrupt::Interrupt;
 use super::output::may_write_array;
 use super::progress::{Progress, ProgressStyleArgument};
 use super::say::say;
 use super::step_range::StepRange;
-use super::{store_errors, values};
+use super::{Failure, heading, store_errors, values};
 use brickyard::store::{self, ExportRequest, ExportTime};
 use brickyard::volume::{Level, VoxelBox, counted};
 use clap::Args;

@@ -77,12 +77,6 @@ impl Help {
         });
         Ok(Self { command, is_long: true })
     }
-
-    #[cfg(test)]
-    fn text(mut self) -> String {
-        let text = if self.is_long { self.command.render_long_help() } else { self.command.render_help() };
-        text.to_string()
-    }
 }
 
 /// A command with its first flags alone, each in a clause, and where the others are.
@@ -139,7 +133,9 @@ mod tests {
     }
 
     fn text(command: &Command, topic: Option<&str>) -> String {
-        Help::of(command, topic).map_or_else(|failure| panic!("{}", failure.message), Help::text)
+        let mut help = Help::of(command, topic).unwrap_or_else(|failure| panic!("{}", failure.message));
+        let text = if help.is_long { help.command.render_long_help() } else { help.command.render_help() };
+        text.to_string()
     }
 
     #[test]

@@ -1,9 +1,7 @@
 //! `brickyard info`: the contents of a store.
 
-use super::failure::Failure;
-use super::heading;
 use super::values::{self, short};
-use super::{print_json, print_line, store_errors};
+use super::{Failure, heading, print_json, print_line, store_errors};
 use brickyard::store::{ChannelDisplay, Kind, ReadError, Store};
 use brickyard::volume::channel::hex;
 use brickyard::volume::numbers::{exact, significant, to_place};

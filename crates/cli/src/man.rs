@@ -1,10 +1,8 @@
 //! `brickyard man`: manual pages, one for the command and one for each of its subcommands.
 
-use super::Arguments;
-use super::failure::Failure;
-use super::heading;
 use super::output::{make_folder, may_write};
 use super::say::say;
+use super::{Arguments, Failure, heading};
 use brickyard::text_file::write_text;
 use brickyard::volume::counted;
 use clap::{Args, Command, CommandFactory};

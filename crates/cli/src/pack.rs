@@ -1,9 +1,8 @@
 //! `brickyard pack`: foreign files into a brick store.
 
-use super::failure::Failure;
 use super::input_args::InputArguments;
 use super::pack_settings::PackSettings;
-use super::store_errors;
+use super::{Failure, store_errors};
 use brickyard::import::{self, OpenOptions};
 use clap::Args;
 use std::path::PathBuf;

@@ -2,12 +2,11 @@
 
 use super::advice::with_flags;
 use super::failure::{ExitKind, Failure};
-use super::heading;
 use super::interrupt::Interrupt;
 use super::named::Named;
 use super::progress::{Progress, ProgressStyleArgument};
 use super::say::say;
-use super::{store_errors, values};
+use super::{heading, store_errors, values};
 use brickyard::import::{Source, SourceInfo};
 use brickyard::store::{
     self, AppendOptions, Codec, Downsample, Exists, Kind, PackError, PackOptions, PackPlan, Reductions, Store,

@@ -1,14 +1,12 @@
 //! `brickyard quality`: the quality and speed of sampling methods, measured on a store.
 
 use super::advice::advised;
-use super::failure::Failure;
-use super::heading;
 use super::output::{make_folder, write_json};
 use super::sampling_args::{FILTERS, LIGHTINGS, METHODS};
 use super::scene_args::SceneArguments;
 use super::session_args::threads;
 use super::session_errors::session_failure;
-use super::{print_json, print_line, store_errors, values};
+use super::{Failure, heading, print_json, print_line, store_errors, values};
 use brickyard::backend::BackendChoice;
 use brickyard::offline::OfflineError;
 use brickyard::picture_file::write_png;

@@ -1,11 +1,10 @@
 //! The flags of `render`, and the settings derived from them.
 
-use super::heading;
 use super::named::Named;
 use super::sampling_args::SamplingArguments;
 use super::scene_args::SceneArguments;
 use super::session_args::{BACKENDS, SessionLimits};
-use super::values;
+use super::{heading, values};
 use brickyard::backend::{BackendChoice, CompositorChoice};
 use brickyard::movie_file::PictureRate;
 use brickyard::overlay::Overlays;

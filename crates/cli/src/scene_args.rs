@@ -1,14 +1,13 @@
 //! The flags that describe a picture, except its sampling, shared by every command that shows something.
 
 use super::channel_args::{ChannelArguments, layers_of_kind};
-use super::failure::Failure;
-use super::heading;
 use super::named::Named;
 use super::say::say;
 use super::slice_argument::{self, SliceArgument};
 use super::step_range::StepRange;
 use super::values::{self, GradientOpacity};
 use super::volume_args::{VolumeKey, VolumeSetting, set_transfer, transfer_choice, volume_setting};
+use super::{Failure, heading};
 use brickyard::first_look::set_first_look;
 use brickyard::scene_file::{self, SceneFile};
 use brickyard::session::VolumeSource;

@@ -1,14 +1,12 @@
 //! `brickyard synth`: synthetic volumes, as a raw file or straight into a store; and a simulation that appends its
 //! steps to a store as it runs.
 
-use super::failure::Failure;
-use super::heading;
 use super::output::may_write;
 use super::pack_settings::PackSettings;
 use super::progress::Progress;
 use super::reaction::{Reaction, ReactionStep};
 use super::values::human_bytes;
-use super::{store_errors, values};
+use super::{Failure, heading, store_errors, values};
 use brickyard::import::{Source, SynthKind, SynthSource, write_raw};
 use brickyard::store::{Appender, PackOptions};
 use brickyard::volume::{Extent, VoxelType};

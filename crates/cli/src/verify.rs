@@ -1,11 +1,9 @@
 //! `brickyard verify`: every checksum and statistic of a store.
 
 use super::failure::{ExitKind, Failure};
-use super::heading;
 use super::progress::{Progress, ProgressStyleArgument};
 use super::say::say;
-use super::values;
-use super::{print_json, print_line, store_errors};
+use super::{heading, print_json, print_line, store_errors, values};
 use brickyard::store::{self, VerifyReport};
 use brickyard::volume::{BrickId, counted};
 use clap::Args;

@@ -1,7 +1,5 @@
 //! `brickyard view`: a window on stores, and on files, which are packed while it shows them.
 
-use super::failure::Failure;
-use super::heading;
 use super::input_args::InputArguments;
 use super::output::may_write_file;
 use super::pack_settings::KINDS;
@@ -10,8 +8,7 @@ use super::sampling_args::SamplingArguments;
 use super::scene_args::SceneArguments;
 use super::session_args::{BACKENDS, SessionLimits};
 use super::session_errors::session_failure;
-use super::store_errors;
-use super::values;
+use super::{Failure, heading, store_errors, values};
 use brickyard::backend::BackendChoice;
 use brickyard::background;
 use brickyard::openable::OpenableError;

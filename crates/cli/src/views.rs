@@ -4,8 +4,8 @@
 //! With several cameras and several steps, both run over all the pictures, as many as the more numerous of the two:
 //! time goes on while the camera moves.
 
+use super::Failure;
 use super::camera_path::CameraPath;
-use super::failure::Failure;
 use super::render_args::RenderArguments;
 use brickyard::session::VolumeSource;
 use brickyard::volume::{Camera, Scene};

@@ -1,7 +1,6 @@
 //! `--volume N:KEY=VALUE`: the look of one layer. Values have the same form as in flags for all layers.
 
-use super::failure::Failure;
-use super::values;
+use super::{Failure, values};
 use brickyard::text_file::read_text;
 use brickyard::volume::{Blend, Placement, PlacementError, Scene, SceneLayer, TransferChoice, TransferFile, counted};
 use clap::ValueEnum;

@@ -2,7 +2,7 @@
 //!
 //! `WGPU_BACKEND` and `WGPU_ADAPTER_NAME` narrow the choice, as usual with wgpu.
 
-use crate::error::GpuError;
+use crate::GpuError;
 use brickyard_volume::{SlotEncoding, SlotFormat};
 use std::fmt;
 use std::sync::LazyLock;

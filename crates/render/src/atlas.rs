@@ -4,9 +4,7 @@
 //! [`AtlasPlan`] computes how many slots fit a budget and where each lies. The whole texture is written before anything
 //! samples it: otherwise wgpu 30 zero-fills it at the first upload and can deadlock doing so.
 
-use crate::buffers;
-use crate::error::GpuError;
-use crate::gpu::Gpu;
+use crate::{Gpu, GpuError, buffers};
 use brickyard_pager::{DrawCell, Slot};
 use brickyard_volume::gradients::NODE_BYTES;
 use brickyard_volume::{GradientNodes, Pyramid};

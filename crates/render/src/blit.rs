@@ -3,12 +3,11 @@
 
 use crate::atlas::texel_bytes;
 use crate::buffers::{self, entry};
-use crate::error::GpuError;
-use crate::gpu::Gpu;
 use crate::layouts::{bind_group_layout, texture};
 use crate::march::{attachment, color_pass, draw_over_all};
 use crate::pipelines::{DISPLAY_FORMAT, Shape, pipeline};
 use crate::targets::{Reading, Targets};
+use crate::{Gpu, GpuError};
 use brickyard_shaders::{Eyes, bindings, blit};
 use brickyard_volume::StereoLayout;
 use std::collections::HashMap;

@@ -1,8 +1,7 @@
 //! The buffers shared by all layers: those read by every march, and those only for rays.
 
-use crate::error::GpuError;
-use crate::gpu::Gpu;
 use crate::memory::TIMESTAMP_BYTES;
+use crate::{Gpu, GpuError};
 use wgpu::{BindingResource, BufferUsages};
 
 /// The buffers of every march: frames, transfer tables and timestamps.

@@ -1,9 +1,9 @@
 //! One picture in the making: the layers' cell lists gathered into a target, resolved to display colours, and read back
 //! to the CPU. With meshes, gathering and resolving are repeated for each slab.
 
+use crate::GpuError;
 use crate::answers::{COUNTS_AT, MARKS_AT, Question};
 use crate::buffer_parts::{Part, Parts};
-use crate::error::GpuError;
 use crate::frame::Framed;
 use crate::gather_plan::{Course, Projected};
 use crate::layer::GpuLayer;
@@ -324,7 +324,8 @@ impl Passes<'_> {
         let (seen, shown) = projected.resolved();
         let pipeline = self.resolve(seen, shown)?;
         let Some([mixed, emission]) = &targets.sums else { return Err(no_target()) };
-        let bindings = shared.resolve_bindings(gpu, &layouts.resolve, &self.layer(projected.layer).parts, targets);
+        let parts = &self.layer(projected.layer).parts;
+        let bindings = shared.resolve_bindings(gpu, layouts, parts, &targets.gathered, None);
         let is_begin = is_first && self.is_first;
         let load = if is_begin { wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT) } else { wgpu::LoadOp::Load };
         gpu.submit(|encoder| {
@@ -508,10 +509,8 @@ impl Passes<'_> {
     fn resolve_bindings(&self) -> Result<wgpu::BindGroup, GpuError> {
         let GpuRenderer { gpu, shared, layouts, .. } = &*self.renderer;
         let (targets, parts) = (self.targets()?, &Parts { frame: self.frame_part(0), ..self.layer(0).parts });
-        Ok(match &targets.sums {
-            Some(sums) if self.course.is_joined() => shared.joined_bindings(gpu, &layouts.joined, parts, sums),
-            _ => shared.resolve_bindings(gpu, &layouts.resolve, parts, targets),
-        })
+        let sums = targets.sums.as_ref().filter(|_| self.course.is_joined());
+        Ok(shared.resolve_bindings(gpu, layouts, parts, &targets.gathered, sums))
     }
 }
 

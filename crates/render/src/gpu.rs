@@ -4,8 +4,8 @@
 //! Uncaught errors and the device's loss are recorded and returned as typed errors by the next call. An application's
 //! device keeps its own handlers: there, every call runs in its own error scopes.
 
+use crate::GpuError;
 use crate::adapter::{self, AdapterReport, GpuPreference};
-use crate::error::GpuError;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};

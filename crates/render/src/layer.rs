@@ -5,11 +5,10 @@
 
 use crate::buffer_parts::{Part, Parts};
 use crate::buffers::{RayBuffers, SharedBuffers};
-use crate::error::GpuError;
 use crate::frame::{Framed, TableInUse, frame_uniform};
-use crate::gpu::Gpu;
 use crate::pool::Pool;
 use crate::transfer_table::{self, Places, TableCapacity};
+use crate::{Gpu, GpuError};
 use brickyard_pager::VolumeNeeds;
 use brickyard_shaders::{FirstPlaces, FrameUniform, LayerShader};
 use brickyard_volume::{Blend, OpaqueCodes, SlotEncoding, SlotFormat, TransferTable};

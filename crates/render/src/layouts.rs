@@ -1,8 +1,7 @@
 //! Bind group layouts: one for each kind of pass, shared by all its pipelines.
 
-use crate::compositor::Compositor;
-use crate::gpu::Gpu;
 use crate::pool::Pool;
+use crate::{Compositor, Gpu};
 use brickyard_shaders::bindings;
 use wgpu::{BindingType, ShaderStages, TextureViewDimension};
 

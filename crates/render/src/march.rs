@@ -2,15 +2,13 @@
 
 use crate::buffer_parts::{Part, Parts};
 use crate::buffers::{SharedBuffers, entry};
-use crate::error::GpuError;
-use crate::gpu::Gpu;
 use crate::layer::GpuLayer;
 use crate::layouts::Layouts;
 use crate::memory::TIMESTAMP_BYTES;
 use crate::pace::Pace;
 use crate::pipelines::{Pipeline, TEXELS_GROUP};
 use crate::pool::Pool;
-use crate::targets::Targets;
+use crate::{Gpu, GpuError};
 use brickyard_shaders::{FrameUniform, WORKGROUP_PX, bindings};
 use brickyard_volume::PixelRect;
 use wgpu::BindingResource;
@@ -37,34 +35,23 @@ impl SharedBuffers {
         gpu.bind_group("march", layout, &entries)
     }
 
+    /// The bind group of a pass that resolves a layer's gathered samples, or, if there are any, sums of joined layers.
     pub(crate) fn resolve_bindings(
         &self,
         gpu: &Gpu,
-        layout: &wgpu::BindGroupLayout,
+        layouts: &Layouts,
         layer: &Parts,
-        targets: &Targets,
+        gathered: &wgpu::TextureView,
+        sums: Option<&[wgpu::TextureView; 2]>,
     ) -> wgpu::BindGroup {
-        let entries = [
-            entry(bindings::FRAMES, layer.frame.of(&self.frame)),
-            entry(bindings::TABLE, layer.table.of(&self.table)),
-            entry(bindings::GATHERED, BindingResource::TextureView(&targets.gathered)),
-        ];
-        gpu.bind_group("resolve", layout, &entries)
-    }
-
-    pub(crate) fn joined_bindings(
-        &self,
-        gpu: &Gpu,
-        layout: &wgpu::BindGroupLayout,
-        layer: &Parts,
-        [mixed, emission]: &[wgpu::TextureView; 2],
-    ) -> wgpu::BindGroup {
-        let entries = [
-            entry(bindings::FRAMES, layer.frame.of(&self.frame)),
-            entry(bindings::GATHERED, BindingResource::TextureView(mixed)),
-            entry(bindings::EMISSION, BindingResource::TextureView(emission)),
-        ];
-        gpu.bind_group("joined", layout, &entries)
+        let frames = entry(bindings::FRAMES, layer.frame.of(&self.frame));
+        let view = |binding, view| entry(binding, BindingResource::TextureView(view));
+        if let Some([mixed, emission]) = sums {
+            let entries = [frames, view(bindings::GATHERED, mixed), view(bindings::EMISSION, emission)];
+            return gpu.bind_group("joined", &layouts.joined, &entries);
+        }
+        let table = entry(bindings::TABLE, layer.table.of(&self.table));
+        gpu.bind_group("resolve", &layouts.resolve, &[frames, table, view(bindings::GATHERED, gathered)])
     }
 
     /// Queues the copy of the picture's timestamps, if any, to a buffer.

@@ -1,9 +1,9 @@
 //! The GPU budget: the picture's targets, tables, staging and read-back come first; pools of slots get the rest, each
 //! slot with the compositor's data for it.
 
+use crate::GpuError;
 use crate::adapter::GpuFormats;
 use crate::atlas::{AtlasPlan, slot_bytes, texel_bytes};
-use crate::error::GpuError;
 use crate::pipelines::DISPLAY_FORMAT;
 use crate::transfer_table::{COMBINED, TableCapacity};
 use crate::upload::{MAX_BATCH, staging_bytes};
@@ -288,16 +288,10 @@ impl MemoryPlan {
 
     /// Returns the bytes of all pools' octrees, of the bricks in their leaves, and of the marks.
     pub(crate) fn list_bytes(&self) -> [u64; 3] {
-        let mut sums = [0; 3];
-        for PoolPlan { atlas, raycast, .. } in &self.pools {
-            let of = |plan: &RaycastPlan| {
-                let slots = atlas.slots();
-                [plan.nodes_bytes(slots), plan.bricks_bytes(slots), plan.marks_bytes(slots)]
-            };
-            let own = raycast.as_ref().map_or([0; 3], of);
-            sums = std::array::from_fn(|i| sums[i] + own[i]);
-        }
-        sums
+        let casting = self.pools.iter().filter_map(|pool| Some((pool.raycast?, pool.atlas.slots())));
+        casting.fold([0; 3], |[nodes, bricks, marks], (plan, slots)| {
+            [nodes + plan.nodes_bytes(slots), bricks + plan.bricks_bytes(slots), marks + plan.marks_bytes(slots)]
+        })
     }
 }
 

@@ -12,13 +12,12 @@
 
 use crate::buffer_parts::Part;
 use crate::buffers::{self, SharedBuffers, buffer, entry};
-use crate::error::GpuError;
-use crate::gpu::Gpu;
 use crate::layouts::{MeshLayouts, bind_group_layout, storage, texture, texture_of};
 use crate::mapping::Mapping;
 use crate::march::{attachment, color_pass, draw_over_all};
 use crate::memory::{COLOR_FORMAT, COUNTS_BYTES, DEPTH_FORMAT, MOST_LAYERS, NUMBER_FORMAT, geometry_bytes, mesh_bytes};
 use crate::pipelines::{DISPLAY_FORMAT, Shape, pipeline};
+use crate::{Gpu, GpuError};
 use brickyard_shaders::{MeshLook, MeshVertex, Seen, Shown, bindings, peel, resolve};
 use brickyard_volume::{FrameSettings, Geometry, Mesh, MeshCapacity, ShownMesh, ViewRays};
 use glam::DVec3;

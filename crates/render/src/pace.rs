@@ -6,8 +6,7 @@
 //! of unknown speed, is waited for itself. The slowest pixels so far set the pace; later ones may be slower, so reads
 //! are bounded as well.
 
-use crate::error::GpuError;
-use crate::gpu::Gpu;
+use crate::{Gpu, GpuError};
 use std::cell::{Cell, RefCell};
 use std::time::{Duration, Instant};
 

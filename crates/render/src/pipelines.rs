@@ -2,11 +2,9 @@
 //! independent of frames, and works on any thread (`pipeline_cache`).
 
 use crate::adapter::GpuFormats;
-use crate::compositor::Compositor;
-use crate::error::GpuError;
-use crate::gpu::Gpu;
 use crate::layouts::{Layouts, MeshLayouts, bind_group_layout};
 use crate::variant::Shader;
+use crate::{Compositor, Gpu, GpuError};
 use brickyard_shaders::{Gather, Seen, Shown, Stage, bindings, raycast, raycast_joint, resolve, sorted, sorted_joint};
 use wgpu::{
     BindingType, BlendComponent, BlendFactor, BlendOperation, ShaderStages, TextureFormat, TextureViewDimension,

@@ -6,12 +6,11 @@
 use crate::atlas::Atlas;
 use crate::buffer_parts::Part;
 use crate::buffers::RayBuffers;
-use crate::error::GpuError;
 use crate::frame::Framed;
-use crate::gpu::Gpu;
 use crate::leaf_octree::{Slots, Tree, Visibility, pack_range};
 use crate::memory::PoolPlan;
 use crate::upload::Uploader;
+use crate::{Gpu, GpuError};
 use brickyard_pager::{DrawList, Slot, VolumeNeeds};
 use brickyard_volume::macrocells::{self, per_axis};
 use brickyard_volume::{MacroCells, OpaqueCodes, SlotFormat};

@@ -10,14 +10,13 @@
 
 use crate::buffer_parts::{Ends, Part};
 use crate::buffers::{RayBuffers, SharedBuffers, buffer, entry};
-use crate::error::GpuError;
-use crate::gpu::Gpu;
 use crate::layer::GpuLayer;
 use crate::layouts::Layouts;
 use crate::leaf_octree::{GROUP, Tree};
 use crate::march::MarchBindings;
 use crate::memory::{MemoryPlan, RaycastPlan};
 use crate::pool::Pool;
+use crate::{Gpu, GpuError};
 use brickyard_shaders::{FrameUniform, RayBrick, bindings};
 use brickyard_volume::macrocells;
 use wgpu::BufferUsages;

@@ -3,9 +3,8 @@
 
 use crate::answers::{Answer, Question, Said};
 use crate::blit::Target;
-use crate::error::GpuError;
 use crate::frame_pass::no_target;
-use crate::renderer::GpuRenderer;
+use crate::{GpuError, GpuRenderer};
 use brickyard_pager::Layer;
 use brickyard_shaders::MARK_STEPS;
 use brickyard_volume::{Combination, Picture, StereoLayout};

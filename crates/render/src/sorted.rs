@@ -6,14 +6,13 @@
 
 use crate::buffer_parts::Part;
 use crate::buffers::{SharedBuffers, buffer, entry};
-use crate::error::GpuError;
 use crate::frame::{cell_brick, cell_instance};
-use crate::gpu::Gpu;
 use crate::layer::GpuLayer;
 use crate::layouts::Layouts;
 use crate::march::{Gathering, MarchBindings};
 use crate::memory::CELLS_PER_SUBMISSION;
 use crate::pool::Pool;
+use crate::{Gpu, GpuError};
 use brickyard_pager::{DrawCell, DrawList, PixelShare};
 use brickyard_shaders::{CellBrick, CellInstance, bindings};
 use brickyard_volume::{PixelRect, Pyramid};

@@ -2,12 +2,10 @@
 
 use crate::atlas::texel_bytes;
 use crate::buffers::{self, buffer};
-use crate::compositor::Compositor;
-use crate::error::GpuError;
-use crate::gpu::Gpu;
 use crate::mapping::Mapping;
 use crate::memory::{pixel_bytes, read_back_row_bytes};
 use crate::pipelines::{DISPLAY_FORMAT, gather_format};
+use crate::{Compositor, Gpu, GpuError};
 use brickyard_shaders::Gather;
 use brickyard_volume::Picture;
 use std::ops::Range;

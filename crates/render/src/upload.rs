@@ -5,8 +5,7 @@
 //! beyond the [room](Uploader::room_bytes) wait for the oldest.
 
 use crate::atlas::{Atlas, texel_bytes};
-use crate::error::GpuError;
-use crate::gpu::Gpu;
+use crate::{Gpu, GpuError};
 use brickyard_pager::Slot;
 use brickyard_volume::gradients::NODE_BYTES;
 use brickyard_volume::{GradientNodes, SlotFormat};
