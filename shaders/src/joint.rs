@@ -6,7 +6,7 @@
 //! calls.
 
 use crate::compose::Parts;
-use crate::{Medium, Sampler, Surfaces, margin};
+use crate::{Medium, Sampler, Surfaces, Voxels, margin};
 use brickyard_volume::sampling::Curve;
 use brickyard_volume::{Filter, LightingModel};
 use std::collections::BTreeSet;
@@ -36,16 +36,10 @@ pub struct FirstPlaces {
 pub struct LayerShader {
     /// Index of the pool with the layer's bricks, and so of its atlas.
     pub pool: u32,
-    /// Whether some voxels have no value.
-    pub has_invalid: bool,
-    /// Whether values are labels, read at the nearest voxel. Layers of labels share a pool with no others.
-    pub is_labels: bool,
+    /// How voxels are read. Layers of labels share a pool with no others.
+    pub voxels: Voxels,
     /// Whether all values are whole numbers, like labels. Used by expressions only.
     pub is_whole: bool,
-    /// Whether the layer's slots hold 32-bit floats instead of codes.
-    pub is_float: bool,
-    /// Whether the layer's transfer table spans few of the codes in slots.
-    pub is_narrow: bool,
     /// Whether the layer adds its light to others instead of mixing with them. Adding layers are unlit.
     pub adds: bool,
     /// Whether the layer has isosurfaces.
@@ -102,7 +96,7 @@ impl JointVariant {
             .text(
                 "atlas",
                 atlases(
-                    &self.layers.iter().map(|layer| (layer.pool, layer.sampler())).collect::<Vec<_>>(),
+                    &self.layers.iter().map(|layer| (layer.pool, layer.voxels.sampler())).collect::<Vec<_>>(),
                     self.filter,
                 ),
             )
@@ -307,14 +301,11 @@ impl JointVariant {
 }
 
 impl LayerShader {
-    fn sampler(&self) -> Sampler {
-        Sampler::of(self.has_invalid, self.is_float || self.is_narrow, self.is_labels)
-    }
-
     /// The values of [`FLAGS`].
     fn flags(&self) -> [bool; FLAGS.len()] {
-        let Self { has_invalid, is_labels, is_float, adds, has_surfaces, has_grid, .. } = *self;
-        [has_invalid, is_labels, is_float, self.sampler() == Sampler::Voxels, adds, has_surfaces, has_grid]
+        let Self { voxels, adds, has_surfaces, has_grid, .. } = *self;
+        let Voxels { has_invalid, is_labels, is_float, .. } = voxels;
+        [has_invalid, is_labels, is_float, voxels.sampler() == Sampler::Voxels, adds, has_surfaces, has_grid]
     }
 
     /// The starts of the layer's parts of the shared buffers, and a bit for each of its flags: the input of shaders with loops over layers.

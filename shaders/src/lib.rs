@@ -142,11 +142,9 @@ impl Medium {
     }
 }
 
-/// The variant of a march through one layer: everything decided at the creation of a pipeline.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct Variant {
-    /// How samples become a pixel.
-    pub gather: Gather,
+/// A layer's voxels, as far as their reading depends on it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct Voxels {
     /// Whether some voxels have no value. The filter leaves these out.
     pub has_invalid: bool,
     /// Whether values are labels, read at the nearest voxel whatever the filter.
@@ -155,6 +153,26 @@ pub struct Variant {
     pub is_float: bool,
     /// Whether the transfer table spans few of the codes in slots.
     pub is_narrow: bool,
+}
+
+impl Voxels {
+    /// The sampling of an atlas of them: missing values, and numbers too exact for hardware filters, are read one by one.
+    fn sampler(self) -> Sampler {
+        match self.is_float || self.is_narrow || self.has_invalid {
+            _ if self.is_labels => Sampler::Label,
+            true => Sampler::Voxels,
+            false => Sampler::Full,
+        }
+    }
+}
+
+/// The variant of a march through one layer: everything decided at the creation of a pipeline.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Variant {
+    /// How samples become a pixel.
+    pub gather: Gather,
+    /// How voxels are read.
+    pub voxels: Voxels,
     /// How the field is interpolated from voxels.
     pub filter: Filter,
     /// How segments become media: [`Medium::PLAIN`] unless `gather` is [`Gather::Composite`].
@@ -259,28 +277,24 @@ impl JointVariant {
 }
 
 impl Variant {
-    fn sampler(&self) -> Sampler {
-        Sampler::of(self.has_invalid, self.is_float || self.is_narrow, self.is_labels)
-    }
-
     /// The parts common to all marches through one layer: the layer's context, and the sum of its samples.
     fn parts(&self) -> Parts {
         let pixel = match self.gather {
             Gather::Composite if self.is_plain() => "composite",
             Gather::Composite => "through",
-            Gather::Project if self.is_labels => "project_labels",
+            Gather::Project if self.voxels.is_labels => "project_labels",
             Gather::Project => "project",
             Gather::Average => "average",
             Gather::Isosurface => "surface",
         };
         let take = if self.medium.surfaces == Surfaces::None { "surfaces_none" } else { "surfaces" };
         let (boxes, texels) = match self.keeps_extremes {
-            true => ("box_extremes", self.sampler().boxes(self.filter)),
+            true => ("box_extremes", self.voxels.sampler().boxes(self.filter)),
             false => ("box_none", String::new()),
         };
         Parts::new()
             .text("context", self.context() + &self.medium.constants())
-            .text("atlas", joint::atlases(&[(0, self.sampler())], self.filter) + &texels)
+            .text("atlas", joint::atlases(&[(0, self.voxels.sampler())], self.filter) + &texels)
             .file("boxes", boxes)
             .file("world", if self.is_placed { "axes" } else { "axes_own" })
             .file("limits", if self.has_meshes { "limits_slab" } else { "limits_none" })
@@ -291,15 +305,15 @@ impl Variant {
 
     /// The part `context` of a single layer: constants.
     fn context(&self) -> String {
-        let Self { has_invalid, is_labels, is_float, filter, .. } = *self;
+        let Voxels { has_invalid, is_labels, is_float, .. } = self.voxels;
         let firsts = ["NODE", "BRICK", "RANGE", "PLACE", "COUNT"];
         let firsts: String = firsts.map(|what| format!("const FIRST_{what}: u32 = 0u;\n")).concat();
         format!(
             "const LAYERS: u32 = 1u;\nconst layer: u32 = 0u;\n{firsts}const HAS_INVALID: bool = {has_invalid};\n\
              const IS_LABELS: bool = {is_labels};\nconst IS_FLOAT: bool = {is_float};\nconst IS_UNBOUNDED: bool = {};\n\
              const MARGIN: f32 = {:?};\n",
-            self.sampler() == Sampler::Voxels,
-            margin(filter)
+            self.voxels.sampler() == Sampler::Voxels,
+            margin(self.filter)
         )
     }
 }
@@ -337,15 +351,6 @@ pub(crate) enum Sampler {
 
 impl Sampler {
     const ALL: [Self; 3] = [Self::Full, Self::Voxels, Self::Label];
-
-    /// The sampling of an atlas with missing values, with numbers too exact for hardware filters, or with labels.
-    fn of(has_invalid: bool, is_exact: bool, is_labels: bool) -> Self {
-        match is_exact || has_invalid {
-            _ if is_labels => Self::Label,
-            true => Self::Voxels,
-            false => Self::Full,
-        }
-    }
 
     /// The names of a filter's files.
     fn files(self, filter: Filter) -> &'static str {
@@ -515,10 +520,7 @@ mod tests {
     fn plain(gather: Gather, medium: Medium) -> Variant {
         Variant {
             gather,
-            has_invalid: false,
-            is_labels: false,
-            is_float: false,
-            is_narrow: false,
+            voxels: Voxels::default(),
             filter: Filter::Trilinear,
             medium,
             has_meshes: false,
@@ -538,7 +540,11 @@ mod tests {
                     let [is_float, is_labels, is_narrow] = [2, 3, 4].map(|of| kind / 3 == of);
                     let has_invalid = kind / 3 % 2 == 1;
                     let (has_meshes, is_placed) = (kind % 2 == 1, has_invalid);
-                    let own = Variant { has_invalid, is_labels, is_float, is_narrow, filter, ..plain(gather, medium) };
+                    let own = Variant {
+                        voxels: Voxels { has_invalid, is_labels, is_float, is_narrow },
+                        filter,
+                        ..plain(gather, medium)
+                    };
                     let plain = Variant { has_meshes, is_placed, ..own };
                     let keeps_extremes = gather == Gather::Project && !is_labels;
                     let variants = [Some(plain), keeps_extremes.then_some(Variant { keeps_extremes, ..plain })];
@@ -572,11 +578,13 @@ mod tests {
         let at = 768 * i;
         LayerShader {
             pool: i % 4,
-            has_invalid: i % 2 == 1,
-            is_labels: i % 4 == 2,
+            voxels: Voxels {
+                has_invalid: i % 2 == 1,
+                is_labels: i % 4 == 2,
+                is_float: i % 3 == 2,
+                is_narrow: i % 5 == 3,
+            },
             is_whole: i % 4 == 2,
-            is_float: i % 3 == 2,
-            is_narrow: i % 5 == 3,
             adds: i / 2 % 2 == 1,
             has_surfaces,
             has_grid: i % 3 == 1,
@@ -635,11 +643,13 @@ mod tests {
     fn every_file_is_valid_by_itself() {
         use naga::valid::{Capabilities, ValidationFlags, Validator};
         let lit = Medium { light: LightingModel::Phong, surfaces: Surfaces::InFog, ..Medium::PLAIN };
+        let labels = Voxels { is_labels: true, ..Voxels::default() };
+        let floats = Voxels { is_float: true, ..Voxels::default() };
         let single = [
             (plain(Gather::Composite, Medium::PLAIN), "sees_composite", "raycast_samples"),
             (plain(Gather::Composite, lit), "sees_surfaces", "raycast_medium"),
             (plain(Gather::Project, Medium::PLAIN), "sees_project", "raycast_samples"),
-            (Variant { is_labels: true, ..plain(Gather::Project, lit) }, "sees_project", "raycast_samples"),
+            (Variant { voxels: labels, ..plain(Gather::Project, lit) }, "sees_project", "raycast_samples"),
             (Variant { keeps_extremes: true, ..plain(Gather::Project, lit) }, "sees_project", "raycast_samples"),
             (plain(Gather::Isosurface, Medium::PLAIN), "sees_surface", "raycast_surface"),
         ];
@@ -650,7 +660,7 @@ mod tests {
         }
         let layers: Vec<_> = (0..2).map(|i| layer_shader(i, true)).collect();
         for filter in [Filter::Nearest, Filter::Trilinear] {
-            companies.push(Variant { is_float: true, filter, ..plain(Gather::Composite, lit) }.parts());
+            companies.push(Variant { voxels: floats, filter, ..plain(Gather::Composite, lit) }.parts());
         }
         let joint =
             JointVariant { medium: lit, filter: Filter::Trilinear, has_meshes: false, layers, expression: None };
@@ -768,7 +778,7 @@ mod tests {
         assert_eq!(lighting::SPECULAR_POWER, 10, "the shaders multiply it out: `tenth_power`");
         let surface = plain(Gather::Isosurface, Medium::PLAIN);
         let lit = plain(Gather::Composite, Medium { light: LightingModel::Phong, ..Medium::PLAIN });
-        let floats = Variant { is_float: true, has_invalid: true, ..lit };
+        let floats = Variant { voxels: Voxels { is_float: true, has_invalid: true, ..Voxels::default() }, ..lit };
         let foggy = plain(Gather::Composite, Medium { surfaces: Surfaces::InFog, ..Medium::PLAIN });
         let single = |value: f64| naga::Literal::F32(value as f32);
         let expected = [

@@ -8,10 +8,11 @@ use crate::buffers::{RayBuffers, SharedBuffers};
 use crate::frame::{Framed, TableInUse, frame_uniform};
 use crate::pool::Pool;
 use crate::transfer_table::{self, Places, TableCapacity};
+use crate::variant::voxels_of;
 use crate::{Gpu, GpuError};
 use brickyard_pager::VolumeNeeds;
 use brickyard_shaders::{FirstPlaces, FrameUniform, LayerShader};
-use brickyard_volume::{Blend, OpaqueCodes, SlotEncoding, SlotFormat, TransferTable};
+use brickyard_volume::{Blend, OpaqueCodes, SlotEncoding, TransferTable};
 use std::sync::Arc;
 use wgpu::TextureFormat;
 
@@ -100,11 +101,8 @@ impl GpuLayer {
         let Parts { table, counts, .. } = self.parts;
         LayerShader {
             pool: self.pool as u32,
-            has_invalid: self.needs.encoding.has_invalid,
-            is_labels: self.needs.encoding.is_labels,
+            voxels: voxels_of(&framed.settings.encoding),
             is_whole: framed.settings.has_whole_values(),
-            is_float: self.needs.encoding.format == SlotFormat::F32,
-            is_narrow: !framed.settings.encoding.has_whole_table(),
             adds: framed.blend == Blend::Add,
             has_surfaces: !framed.settings.surfaces.is_empty(),
             has_grid: framed.settings.grid().is_some(),

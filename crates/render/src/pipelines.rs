@@ -120,7 +120,7 @@ impl Maker {
     fn march(&self, shader: &Shader) -> Pipeline {
         let Self { gpu, compositor, layouts, meshes } = self;
         let (gather, own) = match shader {
-            Shader::Single(variant) => (variant.gather, layouts.march(variant.is_float)),
+            Shader::Single(variant) => (variant.gather, layouts.march(variant.voxels.is_float)),
             Shader::Joint(_) => (Gather::Composite, &layouts.joint),
         };
         let limits = meshes.as_ref().filter(|_| shader.has_meshes()).map(|meshes| &meshes.limits);
