@@ -92,12 +92,6 @@ enum Played {
     Jumps,
 }
 
-impl Played {
-    fn flight(self) -> Option<Scenario> {
-        if let Self::Flight(scenario) = self { Some(scenario) } else { None }
-    }
-}
-
 const SCENARIOS: Named<Played> = Named(&[
     ("still", Played::Flight(Scenario::Still), ""),
     ("orbit", Played::Flight(Scenario::Orbit), ""),
@@ -174,7 +168,7 @@ fn measured(arguments: &BenchArguments, paths: &[&Path], scenario: Played) -> Re
     // Opened once before the clock starts: for the scene, and so a store that does not open is reported as usual.
     let volumes = store_errors::open_volumes(paths)?;
     let extents = volumes.iter().map(|volume| volume.source.pyramid().levels()[0].extent.to_array()).collect();
-    if scenario.flight().is_none() && volumes.iter().all(|volume| volume.source.times() == 1) {
+    if !matches!(scenario, Played::Flight(_)) && volumes.iter().all(|volume| volume.source.times() == 1) {
         let problem = "one time step cannot be played: leave play and scrub out of --scenario";
         return Err(Failure::usage(format!("{}: {problem}", paths[0].display())));
     }
@@ -196,12 +190,12 @@ fn measured(arguments: &BenchArguments, paths: &[&Path], scenario: Played) -> Re
     };
     let frame_goal = arguments.frame_goal.map(|ms| Duration::from_millis(ms.into()));
     let (scene, size_px) = (&scene, arguments.size);
-    let report = match scenario.flight() {
-        Some(scenario) => {
+    let report = match scenario {
+        Played::Flight(scenario) => {
             let (frames, seed) = (arguments.frames, arguments.seed);
             fly(paths, &FlightPlan { scenario, scene, frames, size_px, seed, frame_goal }, &options).map(Report::Flight)
         }
-        None => {
+        Played::Steps | Played::Jumps => {
             let PlayArguments { steps, no_drawing, .. } = arguments.play;
             let playback = matches!(scenario, Played::Steps).then(|| arguments.play.playback());
             let plan = PlayPlan { scene, playback, steps, size_px, draws: !no_drawing, frame_goal };

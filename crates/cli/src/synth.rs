@@ -4,11 +4,11 @@
 use super::output::may_write;
 use super::pack_settings::PackSettings;
 use super::progress::Progress;
-use super::reaction::{Reaction, ReactionStep};
+use super::reaction::Reaction;
 use super::values::human_bytes;
 use super::{Failure, heading, store_errors, values};
 use brickyard::import::{Source, SynthKind, SynthSource, write_raw};
-use brickyard::store::{Appender, PackOptions};
+use brickyard::store::Appender;
 use brickyard::volume::{Extent, VoxelType};
 use clap::Args;
 use std::num::NonZeroUsize;
@@ -110,11 +110,15 @@ fn simulate(
     let mut reaction = Reaction::new(shape, seed);
     let threads = NonZeroUsize::new(options.threads).unwrap_or(NonZeroUsize::MIN);
     let progress = Progress::new(settings.limits.progress, "synth");
-    let mut appender = None;
+    let mut appender: Option<Appender> = None;
     for step in 0..steps {
         let volume = reaction.step(voxel_type).ok_or_else(|| named("a simulation takes --dtype u8, u16 or f32"))?;
         let bytes = (volume.info().extent.volume() * voxel_type.bytes() as u64).max(1);
-        appender = Some(join(appender, output, &volume, &options)?);
+        let joined = match appender {
+            Some(mut appender) => appender.append(&volume, None, &()).map(|_| appender),
+            None => Appender::create(output, &volume, None, &options, &()),
+        };
+        appender = Some(joined.map_err(store_errors::append_failure)?);
         progress.set(u64::from(step + 1) * bytes, u64::from(steps) * bytes);
         if step + 1 < steps {
             reaction.advance(threads);
@@ -122,18 +126,4 @@ fn simulate(
     }
     progress.finish();
     Ok(())
-}
-
-/// Appends a step to the store, or creates the store from the first one.
-fn join(
-    appender: Option<Appender>,
-    output: &Path,
-    step: &ReactionStep,
-    options: &PackOptions,
-) -> Result<Appender, Failure> {
-    let joined = match appender {
-        Some(mut appender) => appender.append(step, None, &()).map(|_| appender),
-        None => Appender::create(output, step, None, options, &()),
-    };
-    joined.map_err(store_errors::append_failure)
 }

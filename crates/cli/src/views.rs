@@ -83,12 +83,8 @@ impl Views {
         let (camera, step) = match &self.cameras {
             Cameras::One => (self.scene.camera, None),
             Cameras::Orbit { start, .. } => (Some(start.orbited(360.0 * i as f64 / count as f64)), None),
-            Cameras::Path { path, count: None } => {
-                let (camera, step) = path.listed(i, count);
-                (Some(camera), step)
-            }
-            Cameras::Path { path, count: Some(_) } => {
-                let (camera, step) = path.between(i, count)?;
+            Cameras::Path { path, count: along } => {
+                let (camera, step) = if along.is_some() { path.between(i, count)? } else { path.listed(i, count) };
                 (Some(camera), step)
             }
         };
