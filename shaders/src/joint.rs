@@ -6,7 +6,7 @@
 //! calls.
 
 use crate::compose::Parts;
-use crate::{Medium, Sampler, Surfaces, Voxels, margin};
+use crate::{Medium, Sampler, Voxels, margin};
 use brickyard_volume::sampling::Curve;
 use brickyard_volume::{Filter, LightingModel};
 use std::collections::BTreeSet;
@@ -70,7 +70,7 @@ pub struct ExpressionShader {
 /// The variant of a march through several layers at once: everything decided at the creation of a pipeline.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct JointVariant {
-    /// How segments become media in all layers. Surfaces and grids are set layer by layer: of [`Medium::surfaces`] only [`Surfaces::Alone`]
+    /// How segments become media in all layers. Surfaces and grids are set layer by layer: of [`Medium::surfaces`] only [`Surfaces::Alone`](crate::Surfaces::Alone)
     /// counts, as the absence of fog, and [`Medium::has_grid`] is ignored.
     pub medium: Medium,
     /// How fields are interpolated from voxels, except for labels.
@@ -119,20 +119,17 @@ impl JointVariant {
 
     /// The part `context`: constants of this variant, and variables of the current layer.
     fn context(&self) -> String {
-        let Medium { curve, parts, is_pre_integrated, surfaces, .. } = self.medium;
+        let Medium { curve, parts, .. } = self.medium;
         let is_cut = self.has_surfaces();
         format!(
-            "const LAYERS: u32 = {}u;\nconst MARGIN: f32 = {:?};\nconst CURVE: u32 = {}u;\nconst PARTS: u32 = {parts}u;\n\
-             const IS_PRE_INTEGRATED: bool = {is_pre_integrated};\nconst SURFACE_LIGHTING: u32 = {}u;\nconst HAS_FOG: bool = {};\n\
+            "const LAYERS: u32 = {}u;\nconst MARGIN: f32 = {:?};\n{}\
              const IS_CUT: bool = {is_cut};\nconst IS_LOOPED: bool = {};\nconst IS_READ: bool = {};\nconst IS_MIDDLE: bool = {};\nconst IS_ONE_SAMPLE: bool = {};\n\
              var<private> layer: u32;\nvar<private> FIRST_NODE: u32;\nvar<private> FIRST_BRICK: u32;\n\
              var<private> FIRST_RANGE: u32;\nvar<private> FIRST_PLACE: u32;\nvar<private> FIRST_COUNT: u32;\n\
              var<private> LIGHTING: u32;\n{}",
             self.layers.len(),
             margin(self.filter),
-            curve as u32,
-            self.medium.surface_light() as u32,
-            surfaces != Surfaces::Alone,
+            self.medium.constants(),
             self.is_looped(),
             self.expression.is_some(),
             curve == Curve::Middle && !is_cut,

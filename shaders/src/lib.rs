@@ -46,7 +46,7 @@ mod joint;
 mod layout;
 
 use brickyard_volume::sampling::Curve;
-use brickyard_volume::{Filter, Gradient, LightingModel};
+use brickyard_volume::{Filter, Gradient, LightingModel, StereoLayout};
 use compose::Parts;
 pub use joint::{ExpressionShader, FirstPlaces, JointVariant, LayerShader};
 pub use layout::{CellBrick, CellInstance, FrameUniform, HALVES_X, LEAF, MeshLook, MeshVertex, NO_RANGES, RayBrick};
@@ -125,19 +125,16 @@ impl Medium {
         if self.light == LightingModel::None { LightingModel::BlinnPhong } else { self.light }
     }
 
+    /// The constants of shaders for one layer and for several.
     fn constants(&self) -> String {
         format!(
             "const CURVE: u32 = {}u;\nconst PARTS: u32 = {}u;\nconst IS_PRE_INTEGRATED: bool = {};\n\
-             const LIGHTING: u32 = {}u;\nconst SURFACE_LIGHTING: u32 = {}u;\n\
-             const HAS_FOG: bool = {};\nconst HAS_SURFACES: bool = {};\nconst HAS_GRID: bool = {};\n",
+             const SURFACE_LIGHTING: u32 = {}u;\nconst HAS_FOG: bool = {};\n",
             self.curve as u32,
             self.parts,
             self.is_pre_integrated,
-            self.light as u32,
             self.surface_light() as u32,
             self.surfaces != Surfaces::Alone,
-            self.surfaces != Surfaces::None,
-            self.has_grid
         )
     }
 }
@@ -293,7 +290,7 @@ impl Variant {
             false => ("box_none", String::new()),
         };
         Parts::new()
-            .text("context", self.context() + &self.medium.constants())
+            .text("context", self.context())
             .text("atlas", joint::atlases(&[(0, self.voxels.sampler())], self.filter) + &texels)
             .file("boxes", boxes)
             .file("world", if self.is_placed { "axes" } else { "axes_own" })
@@ -311,9 +308,13 @@ impl Variant {
         format!(
             "const LAYERS: u32 = 1u;\nconst layer: u32 = 0u;\n{firsts}const HAS_INVALID: bool = {has_invalid};\n\
              const IS_LABELS: bool = {is_labels};\nconst IS_FLOAT: bool = {is_float};\nconst IS_UNBOUNDED: bool = {};\n\
-             const MARGIN: f32 = {:?};\n",
+             const MARGIN: f32 = {:?};\nconst LIGHTING: u32 = {}u;\nconst HAS_SURFACES: bool = {};\nconst HAS_GRID: bool = {};\n{}",
             self.voxels.sampler() == Sampler::Voxels,
-            margin(self.filter)
+            margin(self.filter),
+            self.medium.light as u32,
+            self.medium.surfaces != Surfaces::None,
+            self.medium.has_grid,
+            self.medium.constants()
         )
     }
 }
@@ -435,44 +436,21 @@ pub fn resolve(seen: Seen, shown: Shown) -> String {
     Parts::new().text("context", NO_LAYER.into()).file("seen", seen).compose(&[resolve])
 }
 
-/// Arrangement of the eyes' pictures in one picture.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Eyes {
-    /// One eye: its picture as it is.
-    One,
-    /// The left eye's picture in the left half, the right eye's in the right.
-    SideBySide,
-    /// The left eye's picture in the top half, the right eye's below.
-    TopBottom,
-    /// One picture for red-cyan glasses, with the red glass before the left eye.
-    Anaglyph,
-    /// Rows 0, 2, 4... from the top for the left eye, the others for the right eye.
-    Interlaced,
-}
-
-impl Eyes {
-    /// All five arrangements.
-    pub const ALL: [Self; 5] = [Self::One, Self::SideBySide, Self::TopBottom, Self::Anaglyph, Self::Interlaced];
-
-    fn file(self) -> &'static str {
-        match self {
-            Self::One => "eyes_one",
-            Self::SideBySide => "eyes_side_by_side",
-            Self::TopBottom => "eyes_top_bottom",
-            Self::Anaglyph => "eyes_anaglyph",
-            Self::Interlaced => "eyes_interlaced",
-        }
-    }
-}
-
-/// WGSL source of the pass that puts a finished picture on an application's texture, with entry points `stretched` and `blit`. With `encodes`,
+/// WGSL source of the pass that puts a finished picture, or those of two eyes, on an application's texture, with entry points `stretched` and `blit`. With `encodes`,
 /// the texture encodes light, as sRGB formats do, and the pass writes light; else it writes the colours' codes as they are.
-pub fn blit(eyes: Eyes, encodes: bool) -> String {
-    blit_parts(eyes, encodes).compose(&["blit"])
+pub fn blit(stereo: Option<StereoLayout>, encodes: bool) -> String {
+    blit_parts(stereo, encodes).compose(&["blit"])
 }
 
-fn blit_parts(eyes: Eyes, encodes: bool) -> Parts {
-    Parts::new().file("eyes", eyes.file()).file("written", if encodes { "written_light" } else { "written_codes" })
+fn blit_parts(stereo: Option<StereoLayout>, encodes: bool) -> Parts {
+    let eyes = match stereo {
+        None => "eyes_one",
+        Some(StereoLayout::SideBySide) => "eyes_side_by_side",
+        Some(StereoLayout::TopBottom) => "eyes_top_bottom",
+        Some(StereoLayout::Anaglyph) => "eyes_anaglyph",
+        Some(StereoLayout::Interlaced) => "eyes_interlaced",
+    };
+    Parts::new().file("eyes", eyes).file("written", if encodes { "written_light" } else { "written_codes" })
 }
 
 /// WGSL source of the pass over the next layer of meshes, with entry points `corner` and `peel`.
@@ -653,7 +631,7 @@ mod tests {
             (Variant { keeps_extremes: true, ..plain(Gather::Project, lit) }, "sees_project", "raycast_samples"),
             (plain(Gather::Isosurface, Medium::PLAIN), "sees_surface", "raycast_surface"),
         ];
-        let mut companies: Vec<Parts> = vec![blit_parts(Eyes::One, true), blit_parts(Eyes::One, false)];
+        let mut companies: Vec<Parts> = vec![blit_parts(None, true), blit_parts(None, false)];
         for (variant, sees, cast) in single {
             let parts = variant.parts().file("sees", sees).file("cast", cast).file("feedback", "mark");
             companies.push(COMPUTE.part(parts).file("seen", "resolve_composite"));

@@ -140,16 +140,14 @@ impl StoreSettings {
             ("--downsample", self.downsample.map(|methods| methods.to_string()), info.downsample.to_string()),
             ("--aprons", self.aprons.map(|width| width.to_string()), info.aprons.to_string()),
         ];
-        match flags
-            .into_iter()
-            .find_map(|(flag, given, found)| Some((flag, given.filter(|given| *given != found)?, found)))
-        {
-            Some((flag, given, found)) => Err(Failure::usage(format!(
-                "{flag} {given}: {} was packed with {found}, which cannot change; leave {flag} out",
-                store.path().display()
-            ))),
-            None => Ok(()),
+        for (flag, given, found) in flags {
+            if let Some(given) = given.filter(|given| *given != found) {
+                let store = store.path().display();
+                let problem = format!("{store} was packed with {found}, which cannot change; leave {flag} out");
+                return Err(Failure::usage(format!("{flag} {given}: {problem}")));
+            }
         }
+        Ok(())
     }
 }
 

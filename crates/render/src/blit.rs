@@ -8,7 +8,7 @@ use crate::march::{attachment, color_pass, draw_over_all};
 use crate::pipelines::{DISPLAY_FORMAT, Shape, pipeline};
 use crate::targets::{Reading, Targets};
 use crate::{Gpu, GpuError};
-use brickyard_shaders::{Eyes, bindings, blit};
+use brickyard_shaders::{bindings, blit};
 use brickyard_volume::StereoLayout;
 use std::collections::HashMap;
 use wgpu::{BindingResource, BindingType, SamplerBindingType, ShaderStages, TextureFormat};
@@ -31,7 +31,7 @@ pub struct Target<'a> {
 pub(crate) struct Blit {
     layout: wgpu::BindGroupLayout,
     sampler: wgpu::Sampler,
-    pipelines: HashMap<(TextureFormat, Eyes), wgpu::RenderPipeline>,
+    pipelines: HashMap<(TextureFormat, Option<StereoLayout>), wgpu::RenderPipeline>,
     /// The left eye's picture, kept while the right eye's is drawn and afterwards.
     left: Option<wgpu::Texture>,
 }
@@ -79,10 +79,10 @@ impl Blit {
     }
 
     /// Creates a target's pipeline unless it exists.
-    fn make_ready(&mut self, gpu: &Gpu, wanted: (TextureFormat, Eyes)) -> Result<(), GpuError> {
+    fn make_ready(&mut self, gpu: &Gpu, wanted: (TextureFormat, Option<StereoLayout>)) -> Result<(), GpuError> {
         if !self.pipelines.contains_key(&wanted) {
-            let (format, eyes) = wanted;
-            let (source, entries) = (blit(eyes, format.is_srgb()), ["stretched", "blit"]);
+            let (format, stereo) = wanted;
+            let (source, entries) = (blit(stereo, format.is_srgb()), ["stretched", "blit"]);
             let make = || pipeline(gpu, &source, &[&self.layout], entries, Shape::default(), &[format.into()]);
             let made = gpu.guarded(make)?;
             self.pipelines.insert(wanted, made);
@@ -101,7 +101,7 @@ impl Blit {
         target: &Target<'_>,
         encoder: &mut wgpu::CommandEncoder,
     ) -> Result<(), GpuError> {
-        let wanted = (target.format, stereo.map_or(Eyes::One, eyes));
+        let wanted = (target.format, stereo);
         self.make_ready(gpu, wanted)?;
         let left = self.left.as_ref().filter(|_| stereo.is_some()).unwrap_or(&targets.display);
         let left = left.create_view(&Default::default());
@@ -118,14 +118,5 @@ impl Blit {
         }
         draw_over_all(&mut pass, &self.pipelines[&wanted], &bindings);
         Ok(())
-    }
-}
-
-fn eyes(layout: StereoLayout) -> Eyes {
-    match layout {
-        StereoLayout::SideBySide => Eyes::SideBySide,
-        StereoLayout::TopBottom => Eyes::TopBottom,
-        StereoLayout::Anaglyph => Eyes::Anaglyph,
-        StereoLayout::Interlaced => Eyes::Interlaced,
     }
 }
