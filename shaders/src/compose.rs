@@ -51,7 +51,7 @@ impl Parts {
     /// `layout` by their names.
     pub(crate) fn new() -> Self {
         let bindings = Self::default().text("bindings", bindings::wgsl());
-        layout::wgsl().into_iter().fold(bindings, |parts, (name, text)| parts.text(name, text))
+        layout::IN_WGSL.iter().fold(bindings, |parts, (name, text)| parts.text(name, text.to_string()))
     }
 
     /// Chooses a file of the part's folder for it. No file may have the part's name.

@@ -2,48 +2,34 @@
 
 use bytemuck::{Pod, Zeroable};
 
-/// A type of fields, with its name in WGSL.
-trait Field {
-    fn wgsl() -> String;
-}
-
-impl Field for f32 {
-    fn wgsl() -> String {
-        "f32".into()
-    }
-}
-
-impl Field for u32 {
-    fn wgsl() -> String {
-        "u32".into()
-    }
-}
-
-impl<const N: usize> Field for [f32; N] {
-    fn wgsl() -> String {
-        format!("vec{N}f")
-    }
-}
-
-impl<const N: usize> Field for [[f32; 4]; N] {
-    fn wgsl() -> String {
-        format!("array<vec4f, {N}>")
-    }
-}
-
-impl<const N: usize> Field for [u32; N] {
-    fn wgsl() -> String {
-        match N {
-            // Only padding: a vector of three would be aligned like one of four.
-            3 => "array<u32, 3>".into(),
-            2 | 4 => format!("vec{N}u"),
-            _ => format!("array<vec4u, {}>", N / 4),
-        }
-    }
+/// The WGSL of a field's type.
+macro_rules! in_wgsl {
+    (f32) => {
+        "f32"
+    };
+    (u32) => {
+        "u32"
+    };
+    ([f32; $n:literal]) => {
+        concat!("vec", $n, "f")
+    };
+    // Only padding: a vector of three would be aligned like one of four.
+    ([u32; 3]) => {
+        "array<u32, 3>"
+    };
+    ([u32; 16]) => {
+        "array<vec4u, 4>"
+    };
+    ([u32; $n:literal]) => {
+        concat!("vec", $n, "u")
+    };
+    ([[f32; 4]; $n:literal]) => {
+        concat!("array<vec4f, ", $n, ">")
+    };
 }
 
 macro_rules! twins {
-    ($($(#[$about:meta])* pub struct $name:ident as $wgsl:ident { $($(#[$doc:meta])* pub $field:ident: $type:ty,)* })*) => {
+    ($($(#[$about:meta])* pub struct $name:ident as $wgsl:ident { $($(#[$doc:meta])* pub $field:ident: $type:tt,)* })*) => {
         $(
             $(#[$about])*
             #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
@@ -52,12 +38,10 @@ macro_rules! twins {
         )*
 
         /// The structs in WGSL, each with its name there.
-        pub(crate) fn wgsl() -> Vec<(&'static str, String)> {
-            vec![$({
-                let fields = [$(format!("    {}: {},\n", stringify!($field), <$type>::wgsl())),*].concat();
-                (stringify!($wgsl), format!("struct {} {{\n{fields}}}\n", stringify!($wgsl)))
-            }),*]
-        }
+        pub(crate) const IN_WGSL: &[(&str, &str)] = &[$((
+            stringify!($wgsl),
+            concat!("struct ", stringify!($wgsl), " {\n", $("    ", stringify!($field), ": ", in_wgsl!($type), ",\n",)* "}\n"),
+        )),*];
     };
 }
 

@@ -147,7 +147,9 @@ impl Settings {
         let watcher = Watcher::new(info, ("append", self.limits.progress), None, self.interrupt.clone());
         let of_file = |error: AppendError| {
             if let AppendError::Cancelled { times, .. } = error {
-                return self.stopped(times, file);
+                let (file, store, steps) = (file.display(), self.store.display(), counted(times.into(), "time step"));
+                let way_on = "the same command goes on with the files from this one on";
+                return Failure::new(ExitKind::Interrupted, format!("{file}: stopped; {store} has {steps}: {way_on}"));
             }
             let is_of_store = match &error {
                 AppendError::Pack(error) => !matches!(error, PackError::Unfit { .. }),
@@ -179,18 +181,6 @@ impl Settings {
         say!("{}: step {step} of {store} in {seconds:.1} s", file.display());
         note_non_finite(report.map_or(0, |report| report.non_finite));
         Ok(appender)
-    }
-
-    fn stopped(&self, times: u32, file: &Path) -> Failure {
-        Failure::new(
-            ExitKind::Interrupted,
-            format!(
-                "{}: stopped; {} has {}: the same command goes on with the files from this one on",
-                file.display(),
-                self.store.display(),
-                counted(times.into(), "time step")
-            ),
-        )
     }
 
     /// Opens the store; `None` if it is missing, or its first step is not packed to the end.

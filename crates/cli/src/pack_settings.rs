@@ -11,7 +11,7 @@ use brickyard::import::{Source, SourceInfo};
 use brickyard::store::{
     self, AppendOptions, Codec, Downsample, Exists, Kind, PackError, PackOptions, PackPlan, Reductions, Store,
 };
-use brickyard::volume::{MAX_APRON, VoxelType, counted};
+use brickyard::volume::{Extent, MAX_APRON, VoxelType, counted};
 use clap::Args;
 use std::num::NonZeroUsize;
 use std::path::Path;
@@ -205,14 +205,9 @@ impl PackSettings {
             true => "the same command with --resume instead of --overwrite goes on; with --overwrite it starts over",
             false => "the same command with --resume goes on; with --overwrite it starts over",
         };
-        Failure::new(
-            ExitKind::Interrupted,
-            format!(
-                "{}: stopped; {done} of {} are complete and kept: {cure}",
-                store.display(),
-                counted(total, "shard")
-            ),
-        )
+        let (store, shards) = (store.display(), counted(total, "shard"));
+        let problem = format!("{store}: stopped; {done} of {shards} are complete and kept: {cure}");
+        Failure::new(ExitKind::Interrupted, problem)
     }
 }
 
@@ -287,18 +282,15 @@ fn of_small_shards(plan: &PackPlan, shard_times: u32) -> Option<String> {
 impl store::Progress for Watcher<'_> {
     fn planned(&self, plan: &PackPlan) {
         let (info, Some(shard_times)) = (self.info, self.shard_times) else { return };
-        let extent = info.extent;
+        let Extent { x, y, z } = info.extent;
+        let (steps, channels) = (counted(info.times.into(), "step"), counted(info.channels.into(), "channel"));
+        let scratch_bytes = plan.scratch_bytes.saturating_add(plan.input_scratch_bytes);
+        let [memory, scratch, output] =
+            [plan.memory_bytes, scratch_bytes, plan.output_bytes_at_most].map(values::human_bytes);
         say!(
-            "packing {} x {} x {} {} voxels, {}, {}: at most {} of memory, {} of scratch, {} of output",
-            extent.x,
-            extent.y,
-            extent.z,
-            info.voxel_type,
-            counted(info.times.into(), "step"),
-            counted(info.channels.into(), "channel"),
-            values::human_bytes(plan.memory_bytes),
-            values::human_bytes(plan.scratch_bytes.saturating_add(plan.input_scratch_bytes)),
-            values::human_bytes(plan.output_bytes_at_most),
+            "packing {x} x {y} x {z} {} voxels, {steps}, {channels}: at most {memory} of memory, {scratch} of scratch, \
+             {output} of output",
+            info.voxel_type
         );
         if let Some(hint) = of_small_shards(plan, shard_times) {
             say!("note: {hint}");

@@ -12,7 +12,7 @@ use brickyard::store::Appender;
 use brickyard::volume::{Extent, VoxelType};
 use clap::Args;
 use std::num::NonZeroUsize;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::str::FromStr;
 
 /// `brickyard synth KIND --shape X,Y,Z OUT`
@@ -65,11 +65,8 @@ impl FromStr for Generator {
 /// # Errors
 /// With the message and exit code for the user.
 pub(crate) fn run(arguments: SynthArguments) -> Result<(), Failure> {
-    let SynthArguments { generator, output, shape, dtype, steps, seed, settings } = arguments;
-    let kind = match generator {
-        Generator::Formula(kind) => kind,
-        Generator::Reaction => return simulate(&output, (shape, seed), (dtype, steps), &settings),
-    };
+    let Generator::Formula(kind) = arguments.generator else { return simulate(&arguments) };
+    let SynthArguments { output, shape, dtype, steps, seed, settings, .. } = arguments;
     let source = SynthSource::new(kind, shape, dtype, steps, seed).map_err(Failure::usage)?;
     if output.extension().is_some_and(|e| e == "zarr") {
         return settings.pack(&source, &output);
@@ -85,12 +82,8 @@ pub(crate) fn run(arguments: SynthArguments) -> Result<(), Failure> {
 }
 
 /// Runs a simulation for some steps, each appended to a new store as soon as it is computed.
-fn simulate(
-    output: &Path,
-    (shape, seed): (Extent, u64),
-    (voxel_type, steps): (VoxelType, u32),
-    settings: &PackSettings,
-) -> Result<(), Failure> {
+fn simulate(arguments: &SynthArguments) -> Result<(), Failure> {
+    let SynthArguments { ref output, shape, dtype: voxel_type, steps, seed, ref settings, .. } = *arguments;
     let named = |problem: &str| Failure::usage(format!("{}: {problem}", output.display()));
     if output.extension().is_none_or(|extension| extension != "zarr") {
         return Err(named("expected a name ending in .zarr: a simulation appends its steps to a store"));

@@ -109,7 +109,8 @@ impl Gpu {
         if !lacking.is_empty() {
             return Err(GpuError::Device { adapter: report.to_string(), reason: lacking.join("; ") });
         }
-        Ok(Self::of(device, queue, report, true, u64::MAX))
+        let (fault, longest_wait_us) = Default::default();
+        Ok(Self { device, queue, report, fault, is_lent: true, refuse_above_bytes: u64::MAX, longest_wait_us })
     }
 
     /// Opens a device on the best permitted adapter. Allocations above `refuse_above_bytes` are refused, for tests.
@@ -122,8 +123,9 @@ impl Gpu {
         let report = AdapterReport::new(&adapter, wanted.required_features, &wanted.required_limits);
         let (device, queue) = pollster::block_on(adapter.request_device(&wanted))
             .map_err(|e| GpuError::Device { adapter: report.to_string(), reason: e.to_string() })?;
-        let gpu = Self::of(device, queue, report, false, refuse_above_bytes);
-        let (uncaught, lost) = (gpu.fault.clone(), gpu.fault.clone());
+        let (fault, longest_wait_us): (Arc<Fault>, _) = Default::default();
+        let (uncaught, lost) = (fault.clone(), fault.clone());
+        let gpu = Self { device, queue, report, fault, is_lent: false, refuse_above_bytes, longest_wait_us };
         gpu.device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| {
             tracing::error!("GPU: {error}");
             uncaught.set(GpuError::Refused(error.to_string()));
@@ -132,17 +134,6 @@ impl Gpu {
             lost.set(GpuError::DeviceLost(format!("{reason:?} {message}").trim().to_string()));
         });
         Ok(gpu)
-    }
-
-    fn of(
-        device: wgpu::Device,
-        queue: wgpu::Queue,
-        report: AdapterReport,
-        is_lent: bool,
-        refuse_above_bytes: u64,
-    ) -> Self {
-        let (fault, longest_wait_us) = Default::default();
-        Self { device, queue, report, fault, is_lent, refuse_above_bytes, longest_wait_us }
     }
 
     /// The report on the device's adapter.

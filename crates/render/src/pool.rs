@@ -92,11 +92,6 @@ impl Pool {
         self.uploader.upload(gpu, &self.atlas, slot, codes)
     }
 
-    /// Returns the bytes of codes that fit without waiting for the device.
-    pub(crate) fn upload_room_bytes(&mut self) -> u64 {
-        self.uploader.room_bytes(&self.atlas)
-    }
-
     pub(crate) fn check_list(&self, draw: &DrawList) -> Result<(), GpuError> {
         let Some(cell) = draw.cells.iter().find(|cell| cell.slot.0 >= self.slots()) else { return Ok(()) };
         let problem = format!("{} is drawn from slot {} of {}", cell.brick, cell.slot.0, self.slots());

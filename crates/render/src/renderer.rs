@@ -350,7 +350,7 @@ impl GpuRenderer {
     /// Sets a deadline: from now on, pictures unfinished at this time are given up with [`GpuError::TooLong`]; `None`
     /// gives none up. Submissions are then only as large as the device draws in a moment.
     pub fn draw_until(&mut self, until: Option<Instant>) {
-        if self.pace.until() != until {
+        if self.pace.until != until {
             self.pace.restart(until);
         }
     }
@@ -448,7 +448,8 @@ impl GpuRenderer {
     /// # Panics
     /// If there is no such layer.
     pub fn upload_room_bytes(&mut self, layer: usize) -> u64 {
-        self.pools[self.layers[layer].pool].upload_room_bytes()
+        let pool = &mut self.pools[self.layers[layer].pool];
+        pool.uploader.room_bytes(&pool.atlas)
     }
 
     /// For each entry of a layer's draw list in the last rendered frame, in order, the greatest transmittance with
