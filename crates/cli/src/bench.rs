@@ -220,29 +220,24 @@ fn line(row: &Row<'_>) -> String {
     let names: Vec<_> = row.stores.iter().map(|path| path.file_name().unwrap_or_default().to_string_lossy()).collect();
     let stores = names.join(" + ");
     let cold = if row.cold { ", cold" } else { "" };
-    let r = match &row.report {
+    let report = match &row.report {
         Report::Flight(report) => report,
         Report::Play { scenario, report, .. } => {
             return bench_play::line(&stores, &format!("{scenario}{cold}"), report);
         }
     };
     let share = |part: u64, whole: u64| if whole == 0 { 0.0 } else { part as f64 / whole as f64 };
+    let FlightReport { open_ms, first_picture_ms, settled_ms, settle_after_ms, frame_ms, bricks, bytes, .. } = report;
+    let FlightReport { uncovered_frames, frames_over_budget, .. } = report;
+    let (scenario, frames) = (report.scenario.name(), three([frame_ms.p50, frame_ms.p95, frame_ms.p99]));
+    let (quality, complete) = (report.quality * 100.0, report.completeness * 100.0);
+    let traffic = three([bytes.read, bytes.decoded, bytes.uploaded].map(mib));
+    let decoded = share(report.bricks_decoded, bricks.uploaded);
+    let again = share(bricks.reuploaded, bricks.uploaded) * 100.0;
+    let memory = three([report.gpu_bytes_peak, report.host_bytes_peak, report.anonymous_peak].map(mib));
     format!(
-        "| {stores} | {}{} | {:.1} | {:.0} | {:.0} | {} | {:.0} % | {:.0} | {:.1} % | {} | {:.2} | {:.1} % | {} | {}, {} |",
-        r.scenario.name(),
-        cold,
-        r.open_ms,
-        r.first_picture_ms,
-        r.settled_ms,
-        three([r.frame_ms.p50, r.frame_ms.p95, r.frame_ms.p99]),
-        r.quality * 100.0,
-        r.settle_after_ms,
-        r.completeness * 100.0,
-        three([r.bytes.read, r.bytes.decoded, r.bytes.uploaded].map(mib)),
-        share(r.bricks_decoded, r.bricks.uploaded),
-        share(r.bricks.reuploaded, r.bricks.uploaded) * 100.0,
-        three([r.gpu_bytes_peak, r.host_bytes_peak, r.anonymous_peak].map(mib)),
-        r.uncovered_frames,
-        r.frames_over_budget,
+        "| {stores} | {scenario}{cold} | {open_ms:.1} | {first_picture_ms:.0} | {settled_ms:.0} | {frames} | \
+         {quality:.0} % | {settle_after_ms:.0} | {complete:.1} % | {traffic} | {decoded:.2} | {again:.1} % | {memory} | \
+         {uncovered_frames}, {frames_over_budget} |"
     )
 }

@@ -119,8 +119,9 @@ impl CameraPath {
         Ok((camera, self.step(before, (rest, intervals))))
     }
 
-    /// Returns the time step at a camera, or behind it by a fraction, less than 1, of the way to the next: interpolated between the nearest two cameras with a step and rounded down,
-    /// constant before the first and after the last of them. `None` if no camera has one.
+    /// Returns the time step at a camera, or behind it by a fraction, less than 1, of the way to the next: interpolated
+    /// between the nearest two cameras with a step and rounded down, constant before the first and after the last of
+    /// them. `None` if no camera has one.
     fn step(&self, camera: usize, (numerator, denominator): (u64, u64)) -> Option<u32> {
         let after = self.steps.partition_point(|(of_step, _)| *of_step <= camera);
         let Some((from_camera, from)) = after.checked_sub(1).map(|before| self.steps[before]) else {

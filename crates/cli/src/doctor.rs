@@ -155,17 +155,12 @@ fn text(report: &Report) -> String {
     if report.adapters.is_empty() {
         lines.push("adapters: none; for a software one install a Vulkan driver (Debian: mesa-vulkan-drivers)".into());
     }
-    for a in &report.adapters {
+    for adapter in &report.adapters {
+        let Adapter { name, kind, api, driver, max_texture_3d, atlas_u8, atlas_u16, .. } = adapter;
+        let buffers = values::human_bytes(adapter.max_buffer_bytes);
         lines.push(format!(
-            "adapter: {} ({}, {}, {}): 3D textures to {}, buffers to {}, 8-bit bricks as {}, 16-bit as {}",
-            a.name,
-            a.kind,
-            a.api,
-            a.driver,
-            a.max_texture_3d,
-            values::human_bytes(a.max_buffer_bytes),
-            a.atlas_u8,
-            a.atlas_u16
+            "adapter: {name} ({kind}, {api}, {driver}): 3D textures to {max_texture_3d}, buffers to {buffers}, \
+             8-bit bricks as {atlas_u8}, 16-bit as {atlas_u16}"
         ));
     }
     for t in &report.trials {

@@ -203,19 +203,12 @@ fn print_row(is_first: bool, row: &Row) -> Result<(), Failure> {
              noticed | frame ms | processor ms |\n| --- | --- | --- | --- | --- | --- | --- | --- | --- |",
         )?;
     }
+    let Row { samples_per_voxel, rgb_db, ycbcr_db, hsl_db, truth_db, frame_ms, cpu_ms, .. } = row;
+    let (filter, lighting, method) = (FILTERS.name(&row.filter), LIGHTINGS.name(&row.lighting), way_name(row));
     print_line(&format!(
-        "| {} | {} | {} | {} | {:.1} / {:.1} / {:.1} | {:.1} | {:.1} % | {:.0} | {:.0} |",
-        FILTERS.name(&row.filter),
-        LIGHTINGS.name(&row.lighting),
-        way_name(row),
-        row.samples_per_voxel,
-        row.rgb_db,
-        row.ycbcr_db,
-        row.hsl_db,
-        row.truth_db,
+        "| {filter} | {lighting} | {method} | {samples_per_voxel} | {rgb_db:.1} / {ycbcr_db:.1} / {hsl_db:.1} | \
+         {truth_db:.1} | {:.1} % | {frame_ms:.0} | {cpu_ms:.0} |",
         100.0 * row.noticed,
-        row.frame_ms,
-        row.cpu_ms,
     ))
 }
 

@@ -237,7 +237,7 @@ impl GpuRenderer {
 
 /// A layer's frame in the buffer: those of layers drawn together follow one another from the first.
 fn frame_part(layers: &[GpuLayer], framed: &[Framed<'_>], course: &Course, i: usize) -> Part {
-    let at = if course.is_joint() { i } else { framed[i].number };
+    let at = if matches!(course, Course::Joint(_)) { i } else { framed[i].number };
     layers[at].parts.frame
 }
 

@@ -108,10 +108,6 @@ impl Course {
         }
     }
 
-    pub(crate) fn is_joint(&self) -> bool {
-        matches!(self, Self::Joint(_))
-    }
-
     pub(crate) fn is_joined(&self) -> bool {
         matches!(self, Self::Each(..))
     }

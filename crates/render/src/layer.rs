@@ -38,13 +38,9 @@ impl GpuLayer {
     pub(crate) fn check(&self, framed: &Framed<'_>) -> Result<(), GpuError> {
         let (frame, needs) = (framed.settings, &self.needs);
         if frame.encoding.of_slots() != needs.encoding.of_slots() || framed.pyramid.edge() != needs.edge {
-            return Err(GpuError::Mismatch(format!(
-                "frame of {:?} in bricks of {}: this renderer was made for {:?} in bricks of {}",
-                frame.encoding,
-                framed.pyramid.edge(),
-                needs.encoding,
-                needs.edge
-            )));
+            let [asked, made] = [(frame.encoding, framed.pyramid.edge()), (needs.encoding, needs.edge)]
+                .map(|(encoding, edge)| format!("{encoding:?} in bricks of {edge}"));
+            return Err(GpuError::Mismatch(format!("frame of {asked}: this renderer was made for {made}")));
         }
         let (asked, given) = (frame.needs(), needs.bricks);
         if !given.satisfy(&asked) {

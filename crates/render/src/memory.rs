@@ -215,7 +215,7 @@ impl MemoryNeeds<'_> {
 
     /// All bytes independent of slots and batches.
     fn small_bytes(&self, asks: &[Ask]) -> Result<u64, GpuError> {
-        let (width_px, height_px) = self.max_size_px;
+        let pixels = u64::from(self.max_size_px.0) * u64::from(self.max_size_px.1);
         let room = self.layers[0].bricks.meshes;
         let largest = geometry_bytes(room).into_iter().fold(0, u64::max);
         if largest > self.max_binding_bytes {
@@ -226,11 +226,10 @@ impl MemoryNeeds<'_> {
             Some(_) => 0,
         };
         let combined = if self.has_expressions { TableCapacity::of_places(COMBINED).bytes_staged() } else { 0 };
-        let left_eye =
-            if self.has_two_eyes { width_px as u64 * height_px as u64 * texel_bytes(DISPLAY_FORMAT) } else { 0 };
+        let left_eye = if self.has_two_eyes { pixels * texel_bytes(DISPLAY_FORMAT) } else { 0 };
         Ok(picture_bytes(&self.formats, self.max_size_px, self.layers.len() > 1)
             + left_eye
-            + mesh_bytes(room, width_px as u64 * height_px as u64, self.formats.composite)
+            + mesh_bytes(room, pixels, self.formats.composite)
             + compositor
             + combined
             + size_of::<FrameUniform>() as u64
@@ -259,11 +258,10 @@ impl MemoryPlan {
         let request =
             |ask: &Ask| BudgetRequest { bytes: ask.slot_bytes + ask.beside_bytes, least: ask.least, most: ask.most };
         let requests: Vec<BudgetRequest> = asks.iter().map(request).collect();
+        let least_slots_bytes: u64 = requests.iter().map(|request| request.least * request.bytes).sum();
         let too_little = || GpuError::Budget {
             given_bytes: needs.budget_bytes,
-            least_bytes: small
-                + batches * staging
-                + requests.iter().map(|request| request.least * request.bytes).sum::<u64>(),
+            least_bytes: small + batches * staging + least_slots_bytes,
             width_px: needs.max_size_px.0,
             height_px: needs.max_size_px.1,
             slot_edge: asks.iter().map(|ask| ask.slot_edge).max().unwrap_or(0),

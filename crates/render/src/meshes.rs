@@ -367,8 +367,8 @@ impl Peeled {
         let front_format = gpu.report.formats.composite;
         let pixels = size_px.0 as u64 * size_px.1 as u64;
         let size = wgpu::Extent3d { width: size_px.0, height: size_px.1, depth_or_array_layers: 1 };
-        let (shape, usage) = ((size, wgpu::TextureDimension::D2), TextureUsages::RENDER_ATTACHMENT);
-        let usage = usage | TextureUsages::TEXTURE_BINDING;
+        let shape = (size, wgpu::TextureDimension::D2);
+        let usage = TextureUsages::RENDER_ATTACHMENT | TextureUsages::TEXTURE_BINDING;
         let target = |device: &wgpu::Device, format: TextureFormat| {
             buffers::texture(device, "layer", shape, format, usage).create_view(&Default::default())
         };

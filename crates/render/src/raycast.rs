@@ -70,13 +70,10 @@ impl Raycast {
         }
         let room = [&self.buffers.nodes, &self.buffers.bricks].map(|buffer| buffer.size() as usize);
         if size_of_val(&nodes[..]) > room[0] || size_of_val(&bricks[..]) > room[1] {
-            return Err(GpuError::Mismatch(format!(
-                "draw lists of {} entries and {} octree nodes: this renderer's slots and levels leave room for {} and {}",
-                bricks.len(),
-                nodes.len(),
-                room[1] / size_of::<RayBrick>(),
-                room[0] / size_of::<u32>()
-            )));
+            let asked = format!("draw lists of {} entries and {} octree nodes", bricks.len(), nodes.len());
+            let (bricks, nodes) = (room[1] / size_of::<RayBrick>(), room[0] / size_of::<u32>());
+            let problem = format!("{asked}: this renderer's slots and levels leave room for {bricks} and {nodes}");
+            return Err(GpuError::Mismatch(problem));
         }
         gpu.queue.write_buffer(&self.buffers.nodes, 0, bytemuck::cast_slice(&nodes));
         gpu.queue.write_buffer(&self.buffers.bricks, 0, bytemuck::cast_slice(&bricks));

@@ -471,14 +471,12 @@ impl March {
     }
 }
 
-pub(crate) fn check_size(size: (u32, u32), limit: (u32, u32)) -> Result<(), GpuError> {
-    if size.0 > limit.0 || size.1 > limit.1 {
-        return Err(GpuError::PictureTooLarge {
-            width_px: size.0,
-            height_px: size.1,
-            limit_width_px: limit.0,
-            limit_height_px: limit.1,
-        });
+pub(crate) fn check_size(
+    (width_px, height_px): (u32, u32),
+    (limit_width_px, limit_height_px): (u32, u32),
+) -> Result<(), GpuError> {
+    if width_px > limit_width_px || height_px > limit_height_px {
+        return Err(GpuError::PictureTooLarge { width_px, height_px, limit_width_px, limit_height_px });
     }
     Ok(())
 }
