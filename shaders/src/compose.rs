@@ -3,7 +3,7 @@
 //! A line `//!import a b` of a file, behind its head comment, lists its needs: files, in any folder, or *parts* chosen by the variant (a
 //! file of the part's folder, or text made for the variant). Each is taken once; anything not imported is absent.
 
-use crate::bindings;
+use crate::{bindings, layout};
 use std::collections::{HashMap, HashSet};
 
 macro_rules! files {
@@ -20,7 +20,7 @@ pub(crate) const FILES: &[(&str, &str)] = files! {
     "shared":
         "anything" "bricks" "caps" "classify" "colors" "counted" "cut_face" "differences" "dither" "extreme" "field" "frame" "fullscreen" "gathered" "grid"
         "hidden" "jitter" "joint_medium" "kept" "lattice" "light" "lighting" "macrocells" "medium" "neighbour" "no_value" "opaque" "pictures" "projected"
-        "ranks" "ray" "runs" "sampler" "search" "shade" "sight" "sorted" "spline" "table" "tree" "voxel" "way";
+        "ranks" "ray" "runs" "sampler" "search" "shade" "sight" "sorted" "spline" "sums" "table" "tree" "voxel" "way";
     "parts/atlas": "sample" "sample_cubic" "sample_cubic_voxels" "sample_label" "sample_nearest" "sample_nearest_voxel" "sample_voxels";
     "parts/boxes": "box_extremes" "box_none";
     "parts/cast": "cast_joint" "raycast_medium" "raycast_samples" "raycast_surface";
@@ -47,9 +47,11 @@ const IMPORT: &str = "//!import";
 pub(crate) struct Parts(HashMap<&'static str, String>);
 
 impl Parts {
-    /// Creates parts with only `bindings` chosen: the numbers of all bindings, as constants.
+    /// Creates parts with only those chosen that all variants share: `bindings`, the numbers of all bindings as constants, and the structs of
+    /// `layout` by their names.
     pub(crate) fn new() -> Self {
-        Self::default().text("bindings", bindings::wgsl())
+        let bindings = Self::default().text("bindings", bindings::wgsl());
+        layout::IN_WGSL.iter().fold(bindings, |parts, (name, text)| parts.text(name, text.to_string()))
     }
 
     /// Chooses a file of the part's folder for it. No file may have the part's name.

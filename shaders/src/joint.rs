@@ -6,7 +6,7 @@
 //! calls.
 
 use crate::compose::Parts;
-use crate::{Medium, Sampler, Surfaces, margin};
+use crate::{Medium, Sampler, Voxels, margin};
 use brickyard_volume::sampling::Curve;
 use brickyard_volume::{Filter, LightingModel};
 use std::collections::BTreeSet;
@@ -36,16 +36,10 @@ pub struct FirstPlaces {
 pub struct LayerShader {
     /// Index of the pool with the layer's bricks, and so of its atlas.
     pub pool: u32,
-    /// Whether some voxels have no value.
-    pub has_invalid: bool,
-    /// Whether values are labels, read at the nearest voxel. Layers of labels share a pool with no others.
-    pub is_labels: bool,
+    /// How voxels are read. Layers of labels share a pool with no others.
+    pub voxels: Voxels,
     /// Whether all values are whole numbers, like labels. Used by expressions only.
     pub is_whole: bool,
-    /// Whether the layer's slots hold 32-bit floats instead of codes.
-    pub is_float: bool,
-    /// Whether the layer's transfer table spans few of the codes in slots.
-    pub is_narrow: bool,
     /// Whether the layer adds its light to others instead of mixing with them. Adding layers are unlit.
     pub adds: bool,
     /// Whether the layer has isosurfaces.
@@ -76,7 +70,7 @@ pub struct ExpressionShader {
 /// The variant of a march through several layers at once: everything decided at the creation of a pipeline.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct JointVariant {
-    /// How segments become media in all layers. Surfaces and grids are set layer by layer: of [`Medium::surfaces`] only [`Surfaces::Alone`]
+    /// How segments become media in all layers. Surfaces and grids are set layer by layer: of [`Medium::surfaces`] only [`Surfaces::Alone`](crate::Surfaces::Alone)
     /// counts, as the absence of fog, and [`Medium::has_grid`] is ignored.
     pub medium: Medium,
     /// How fields are interpolated from voxels, except for labels.
@@ -102,7 +96,7 @@ impl JointVariant {
             .text(
                 "atlas",
                 atlases(
-                    &self.layers.iter().map(|layer| (layer.pool, layer.sampler())).collect::<Vec<_>>(),
+                    &self.layers.iter().map(|layer| (layer.pool, layer.voxels.sampler())).collect::<Vec<_>>(),
                     self.filter,
                 ),
             )
@@ -125,20 +119,17 @@ impl JointVariant {
 
     /// The part `context`: constants of this variant, and variables of the current layer.
     fn context(&self) -> String {
-        let Medium { curve, parts, is_pre_integrated, surfaces, .. } = self.medium;
+        let Medium { curve, parts, .. } = self.medium;
         let is_cut = self.has_surfaces();
         format!(
-            "const LAYERS: u32 = {}u;\nconst MARGIN: f32 = {:?};\nconst CURVE: u32 = {}u;\nconst PARTS: u32 = {parts}u;\n\
-             const IS_PRE_INTEGRATED: bool = {is_pre_integrated};\nconst SURFACE_LIGHTING: u32 = {}u;\nconst HAS_FOG: bool = {};\n\
+            "const LAYERS: u32 = {}u;\nconst MARGIN: f32 = {:?};\n{}\
              const IS_CUT: bool = {is_cut};\nconst IS_LOOPED: bool = {};\nconst IS_READ: bool = {};\nconst IS_MIDDLE: bool = {};\nconst IS_ONE_SAMPLE: bool = {};\n\
              var<private> layer: u32;\nvar<private> FIRST_NODE: u32;\nvar<private> FIRST_BRICK: u32;\n\
              var<private> FIRST_RANGE: u32;\nvar<private> FIRST_PLACE: u32;\nvar<private> FIRST_COUNT: u32;\n\
              var<private> LIGHTING: u32;\n{}",
             self.layers.len(),
             margin(self.filter),
-            curve as u32,
-            self.medium.surface_light() as u32,
-            surfaces != Surfaces::Alone,
+            self.medium.constants(),
             self.is_looped(),
             self.expression.is_some(),
             curve == Curve::Middle && !is_cut,
@@ -307,14 +298,11 @@ impl JointVariant {
 }
 
 impl LayerShader {
-    fn sampler(&self) -> Sampler {
-        Sampler::of(self.has_invalid, self.is_float || self.is_narrow, self.is_labels)
-    }
-
     /// The values of [`FLAGS`].
     fn flags(&self) -> [bool; FLAGS.len()] {
-        let Self { has_invalid, is_labels, is_float, adds, has_surfaces, has_grid, .. } = *self;
-        [has_invalid, is_labels, is_float, self.sampler() == Sampler::Voxels, adds, has_surfaces, has_grid]
+        let Self { voxels, adds, has_surfaces, has_grid, .. } = *self;
+        let Voxels { has_invalid, is_labels, is_float, .. } = voxels;
+        [has_invalid, is_labels, is_float, voxels.sampler() == Sampler::Voxels, adds, has_surfaces, has_grid]
     }
 
     /// The starts of the layer's parts of the shared buffers, and a bit for each of its flags: the input of shaders with loops over layers.

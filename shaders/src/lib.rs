@@ -16,6 +16,7 @@
 //! | part | role |
 //! | --- | --- |
 //! | `bindings` | the numbers of all bindings: text of the table in [`bindings`] |
+//! | `Frame`, `RayBrick` and others | the struct of that name: text made from its declaration in `layout` |
 //! | `context` | constants of the variant and of the current layer: text; for several layers, also variables, set for each in turn |
 //! | `atlas` | the atlases and stored gradients, and their samples (`sample_atlas`, `smooth_atlas` for gradients, `sample_gradients`): text that imports `sample` or `sample_cubic`; `sample_voxels` or `sample_cubic_voxels` for 32-bit floats, narrow windows, and voxels without a value; also `sample_nearest` or `sample_nearest_voxel` for fields with steps |
 //! | `world` | the map from voxels to the scene's world: `to_world`, `gradient_to_world` |
@@ -45,7 +46,7 @@ mod joint;
 mod layout;
 
 use brickyard_volume::sampling::Curve;
-use brickyard_volume::{Filter, Gradient, LightingModel};
+use brickyard_volume::{Filter, Gradient, LightingModel, StereoLayout};
 use compose::Parts;
 pub use joint::{ExpressionShader, FirstPlaces, JointVariant, LayerShader};
 pub use layout::{CellBrick, CellInstance, FrameUniform, HALVES_X, LEAF, MeshLook, MeshVertex, NO_RANGES, RayBrick};
@@ -124,28 +125,23 @@ impl Medium {
         if self.light == LightingModel::None { LightingModel::BlinnPhong } else { self.light }
     }
 
+    /// The constants of shaders for one layer and for several.
     fn constants(&self) -> String {
         format!(
             "const CURVE: u32 = {}u;\nconst PARTS: u32 = {}u;\nconst IS_PRE_INTEGRATED: bool = {};\n\
-             const LIGHTING: u32 = {}u;\nconst SURFACE_LIGHTING: u32 = {}u;\n\
-             const HAS_FOG: bool = {};\nconst HAS_SURFACES: bool = {};\nconst HAS_GRID: bool = {};\n",
+             const SURFACE_LIGHTING: u32 = {}u;\nconst HAS_FOG: bool = {};\n",
             self.curve as u32,
             self.parts,
             self.is_pre_integrated,
-            self.light as u32,
             self.surface_light() as u32,
             self.surfaces != Surfaces::Alone,
-            self.surfaces != Surfaces::None,
-            self.has_grid
         )
     }
 }
 
-/// The variant of a march through one layer: everything decided at the creation of a pipeline.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct Variant {
-    /// How samples become a pixel.
-    pub gather: Gather,
+/// A layer's voxels, as far as their reading depends on it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct Voxels {
     /// Whether some voxels have no value. The filter leaves these out.
     pub has_invalid: bool,
     /// Whether values are labels, read at the nearest voxel whatever the filter.
@@ -154,6 +150,26 @@ pub struct Variant {
     pub is_float: bool,
     /// Whether the transfer table spans few of the codes in slots.
     pub is_narrow: bool,
+}
+
+impl Voxels {
+    /// The sampling of an atlas of them: missing values, and numbers too exact for hardware filters, are read one by one.
+    fn sampler(self) -> Sampler {
+        match self.is_float || self.is_narrow || self.has_invalid {
+            _ if self.is_labels => Sampler::Label,
+            true => Sampler::Voxels,
+            false => Sampler::Full,
+        }
+    }
+}
+
+/// The variant of a march through one layer: everything decided at the creation of a pipeline.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Variant {
+    /// How samples become a pixel.
+    pub gather: Gather,
+    /// How voxels are read.
+    pub voxels: Voxels,
     /// How the field is interpolated from voxels.
     pub filter: Filter,
     /// How segments become media: [`Medium::PLAIN`] unless `gather` is [`Gather::Composite`].
@@ -167,9 +183,13 @@ pub struct Variant {
 }
 
 impl Variant {
-    /// Whether the march takes single samples instead of segments from end to end.
-    const fn has_samples(&self) -> bool {
-        !matches!(self.gather, Gather::Isosurface) && self.is_plain()
+    /// The units of the march, and the end of its files' names: a surface, single samples, or segments from end to end.
+    const fn march(&self) -> &'static str {
+        match self.gather {
+            Gather::Isosurface => "surface",
+            _ if self.is_plain() => "samples",
+            _ => "medium",
+        }
     }
 
     const fn is_plain(&self) -> bool {
@@ -183,12 +203,7 @@ pub const MARK_STEPS: u32 = 255;
 
 /// WGSL source of the `sorted` compositor's march through one layer, with entry points `proxy` and `march`.
 pub fn sorted(variant: &Variant) -> String {
-    let march = match variant.gather {
-        _ if variant.has_samples() => "march_samples",
-        Gather::Isosurface => "march_surface",
-        _ => "march_medium",
-    };
-    variant.parts().compose(&[march])
+    variant.parts().compose(&[&format!("march_{}", variant.march())])
 }
 
 /// The kind of shader for ray casting.
@@ -233,13 +248,9 @@ pub fn raycast(variant: &Variant, stage: Stage, marks: bool) -> String {
         Gather::Average => "sees_average",
         Gather::Isosurface => "sees_surface",
     };
-    let cast = match variant.gather {
-        _ if variant.has_samples() => "raycast_samples",
-        Gather::Isosurface => "raycast_surface",
-        _ => "raycast_medium",
-    };
+    let cast = format!("raycast_{}", variant.march());
     let mark = if variant.gather.occludes() && marks { "mark" } else { "mark_none" };
-    let parts = variant.parts().file("sees", sees).file("cast", cast).file("feedback", mark);
+    let parts = variant.parts().file("sees", sees).file("cast", &cast).file("feedback", mark);
     stage.part(parts).compose(&[stage.root()])
 }
 
@@ -263,28 +274,24 @@ impl JointVariant {
 }
 
 impl Variant {
-    fn sampler(&self) -> Sampler {
-        Sampler::of(self.has_invalid, self.is_float || self.is_narrow, self.is_labels)
-    }
-
     /// The parts common to all marches through one layer: the layer's context, and the sum of its samples.
     fn parts(&self) -> Parts {
         let pixel = match self.gather {
             Gather::Composite if self.is_plain() => "composite",
             Gather::Composite => "through",
-            Gather::Project if self.is_labels => "project_labels",
+            Gather::Project if self.voxels.is_labels => "project_labels",
             Gather::Project => "project",
             Gather::Average => "average",
             Gather::Isosurface => "surface",
         };
         let take = if self.medium.surfaces == Surfaces::None { "surfaces_none" } else { "surfaces" };
         let (boxes, texels) = match self.keeps_extremes {
-            true => ("box_extremes", self.sampler().boxes(self.filter)),
+            true => ("box_extremes", self.voxels.sampler().boxes(self.filter)),
             false => ("box_none", String::new()),
         };
         Parts::new()
-            .text("context", self.context() + &self.medium.constants())
-            .text("atlas", joint::atlases(&[(0, self.sampler())], self.filter) + &texels)
+            .text("context", self.context())
+            .text("atlas", joint::atlases(&[(0, self.voxels.sampler())], self.filter) + &texels)
             .file("boxes", boxes)
             .file("world", if self.is_placed { "axes" } else { "axes_own" })
             .file("limits", if self.has_meshes { "limits_slab" } else { "limits_none" })
@@ -295,15 +302,19 @@ impl Variant {
 
     /// The part `context` of a single layer: constants.
     fn context(&self) -> String {
-        let Self { has_invalid, is_labels, is_float, filter, .. } = *self;
+        let Voxels { has_invalid, is_labels, is_float, .. } = self.voxels;
         let firsts = ["NODE", "BRICK", "RANGE", "PLACE", "COUNT"];
         let firsts: String = firsts.map(|what| format!("const FIRST_{what}: u32 = 0u;\n")).concat();
         format!(
             "const LAYERS: u32 = 1u;\nconst layer: u32 = 0u;\n{firsts}const HAS_INVALID: bool = {has_invalid};\n\
              const IS_LABELS: bool = {is_labels};\nconst IS_FLOAT: bool = {is_float};\nconst IS_UNBOUNDED: bool = {};\n\
-             const MARGIN: f32 = {:?};\n",
-            self.sampler() == Sampler::Voxels,
-            margin(filter)
+             const MARGIN: f32 = {:?};\nconst LIGHTING: u32 = {}u;\nconst HAS_SURFACES: bool = {};\nconst HAS_GRID: bool = {};\n{}",
+            self.voxels.sampler() == Sampler::Voxels,
+            margin(self.filter),
+            self.medium.light as u32,
+            self.medium.surfaces != Surfaces::None,
+            self.medium.has_grid,
+            self.medium.constants()
         )
     }
 }
@@ -341,15 +352,6 @@ pub(crate) enum Sampler {
 
 impl Sampler {
     const ALL: [Self; 3] = [Self::Full, Self::Voxels, Self::Label];
-
-    /// The sampling of an atlas with missing values, with numbers too exact for hardware filters, or with labels.
-    fn of(has_invalid: bool, is_exact: bool, is_labels: bool) -> Self {
-        match is_exact || has_invalid {
-            _ if is_labels => Self::Label,
-            true => Self::Voxels,
-            false => Self::Full,
-        }
-    }
 
     /// The names of a filter's files.
     fn files(self, filter: Filter) -> &'static str {
@@ -434,44 +436,21 @@ pub fn resolve(seen: Seen, shown: Shown) -> String {
     Parts::new().text("context", NO_LAYER.into()).file("seen", seen).compose(&[resolve])
 }
 
-/// Arrangement of the eyes' pictures in one picture.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Eyes {
-    /// One eye: its picture as it is.
-    One,
-    /// The left eye's picture in the left half, the right eye's in the right.
-    SideBySide,
-    /// The left eye's picture in the top half, the right eye's below.
-    TopBottom,
-    /// One picture for red-cyan glasses, with the red glass before the left eye.
-    Anaglyph,
-    /// Rows 0, 2, 4... from the top for the left eye, the others for the right eye.
-    Interlaced,
-}
-
-impl Eyes {
-    /// All five arrangements.
-    pub const ALL: [Self; 5] = [Self::One, Self::SideBySide, Self::TopBottom, Self::Anaglyph, Self::Interlaced];
-
-    fn file(self) -> &'static str {
-        match self {
-            Self::One => "eyes_one",
-            Self::SideBySide => "eyes_side_by_side",
-            Self::TopBottom => "eyes_top_bottom",
-            Self::Anaglyph => "eyes_anaglyph",
-            Self::Interlaced => "eyes_interlaced",
-        }
-    }
-}
-
-/// WGSL source of the pass that puts a finished picture on an application's texture, with entry points `stretched` and `blit`. With `encodes`,
+/// WGSL source of the pass that puts a finished picture, or those of two eyes, on an application's texture, with entry points `stretched` and `blit`. With `encodes`,
 /// the texture encodes light, as sRGB formats do, and the pass writes light; else it writes the colours' codes as they are.
-pub fn blit(eyes: Eyes, encodes: bool) -> String {
-    blit_parts(eyes, encodes).compose(&["blit"])
+pub fn blit(stereo: Option<StereoLayout>, encodes: bool) -> String {
+    blit_parts(stereo, encodes).compose(&["blit"])
 }
 
-fn blit_parts(eyes: Eyes, encodes: bool) -> Parts {
-    Parts::new().file("eyes", eyes.file()).file("written", if encodes { "written_light" } else { "written_codes" })
+fn blit_parts(stereo: Option<StereoLayout>, encodes: bool) -> Parts {
+    let eyes = match stereo {
+        None => "eyes_one",
+        Some(StereoLayout::SideBySide) => "eyes_side_by_side",
+        Some(StereoLayout::TopBottom) => "eyes_top_bottom",
+        Some(StereoLayout::Anaglyph) => "eyes_anaglyph",
+        Some(StereoLayout::Interlaced) => "eyes_interlaced",
+    };
+    Parts::new().file("eyes", eyes).file("written", if encodes { "written_light" } else { "written_codes" })
 }
 
 /// WGSL source of the pass over the next layer of meshes, with entry points `corner` and `peel`.
@@ -519,10 +498,7 @@ mod tests {
     fn plain(gather: Gather, medium: Medium) -> Variant {
         Variant {
             gather,
-            has_invalid: false,
-            is_labels: false,
-            is_float: false,
-            is_narrow: false,
+            voxels: Voxels::default(),
             filter: Filter::Trilinear,
             medium,
             has_meshes: false,
@@ -542,7 +518,11 @@ mod tests {
                     let [is_float, is_labels, is_narrow] = [2, 3, 4].map(|of| kind / 3 == of);
                     let has_invalid = kind / 3 % 2 == 1;
                     let (has_meshes, is_placed) = (kind % 2 == 1, has_invalid);
-                    let own = Variant { has_invalid, is_labels, is_float, is_narrow, filter, ..plain(gather, medium) };
+                    let own = Variant {
+                        voxels: Voxels { has_invalid, is_labels, is_float, is_narrow },
+                        filter,
+                        ..plain(gather, medium)
+                    };
                     let plain = Variant { has_meshes, is_placed, ..own };
                     let keeps_extremes = gather == Gather::Project && !is_labels;
                     let variants = [Some(plain), keeps_extremes.then_some(Variant { keeps_extremes, ..plain })];
@@ -576,11 +556,13 @@ mod tests {
         let at = 768 * i;
         LayerShader {
             pool: i % 4,
-            has_invalid: i % 2 == 1,
-            is_labels: i % 4 == 2,
+            voxels: Voxels {
+                has_invalid: i % 2 == 1,
+                is_labels: i % 4 == 2,
+                is_float: i % 3 == 2,
+                is_narrow: i % 5 == 3,
+            },
             is_whole: i % 4 == 2,
-            is_float: i % 3 == 2,
-            is_narrow: i % 5 == 3,
             adds: i / 2 % 2 == 1,
             has_surfaces,
             has_grid: i % 3 == 1,
@@ -639,22 +621,24 @@ mod tests {
     fn every_file_is_valid_by_itself() {
         use naga::valid::{Capabilities, ValidationFlags, Validator};
         let lit = Medium { light: LightingModel::Phong, surfaces: Surfaces::InFog, ..Medium::PLAIN };
+        let labels = Voxels { is_labels: true, ..Voxels::default() };
+        let floats = Voxels { is_float: true, ..Voxels::default() };
         let single = [
             (plain(Gather::Composite, Medium::PLAIN), "sees_composite", "raycast_samples"),
             (plain(Gather::Composite, lit), "sees_surfaces", "raycast_medium"),
             (plain(Gather::Project, Medium::PLAIN), "sees_project", "raycast_samples"),
-            (Variant { is_labels: true, ..plain(Gather::Project, lit) }, "sees_project", "raycast_samples"),
+            (Variant { voxels: labels, ..plain(Gather::Project, lit) }, "sees_project", "raycast_samples"),
             (Variant { keeps_extremes: true, ..plain(Gather::Project, lit) }, "sees_project", "raycast_samples"),
             (plain(Gather::Isosurface, Medium::PLAIN), "sees_surface", "raycast_surface"),
         ];
-        let mut companies: Vec<Parts> = vec![blit_parts(Eyes::One, true), blit_parts(Eyes::One, false)];
+        let mut companies: Vec<Parts> = vec![blit_parts(None, true), blit_parts(None, false)];
         for (variant, sees, cast) in single {
             let parts = variant.parts().file("sees", sees).file("cast", cast).file("feedback", "mark");
             companies.push(COMPUTE.part(parts).file("seen", "resolve_composite"));
         }
         let layers: Vec<_> = (0..2).map(|i| layer_shader(i, true)).collect();
         for filter in [Filter::Nearest, Filter::Trilinear] {
-            companies.push(Variant { is_float: true, filter, ..plain(Gather::Composite, lit) }.parts());
+            companies.push(Variant { voxels: floats, filter, ..plain(Gather::Composite, lit) }.parts());
         }
         let joint =
             JointVariant { medium: lit, filter: Filter::Trilinear, has_meshes: false, layers, expression: None };
@@ -772,7 +756,7 @@ mod tests {
         assert_eq!(lighting::SPECULAR_POWER, 10, "the shaders multiply it out: `tenth_power`");
         let surface = plain(Gather::Isosurface, Medium::PLAIN);
         let lit = plain(Gather::Composite, Medium { light: LightingModel::Phong, ..Medium::PLAIN });
-        let floats = Variant { is_float: true, has_invalid: true, ..lit };
+        let floats = Variant { voxels: Voxels { is_float: true, has_invalid: true, ..Voxels::default() }, ..lit };
         let foggy = plain(Gather::Composite, Medium { surfaces: Surfaces::InFog, ..Medium::PLAIN });
         let single = |value: f64| naga::Literal::F32(value as f32);
         let expected = [

@@ -20,40 +20,30 @@ pub(super) fn advised<E: Advice>(error: &E) -> String {
     }
 }
 
-/// The library's options as named in its messages, with the command's flags for them.
-const FLAGS: [(&str, &str); 27] = [
-    ("`allow_lossy`", "--allow-lossy"),
-    ("`aprons`", "--aprons"),
-    ("`axes`", "--axes"),
-    ("`channels`", "--channels"),
-    ("`codec`", "--codec"),
-    ("`downsample`", "--downsample"),
-    ("`edge`", "--brick"),
-    ("`gaps`", "--gaps"),
-    ("`memory`", "--memory"),
-    ("`nodata`", "--nodata"),
-    ("`offset`", "--offset"),
-    ("`order`", "--order"),
-    ("`origin`", "--origin"),
-    ("`overwrite`", "--overwrite"),
-    ("`resume`", "--resume"),
-    ("`scratch_dir`", "--scratch"),
-    ("`shape`", "--shape"),
-    ("`shard_edge`", "--shard"),
-    ("`shard_times`", "--shard-time"),
-    ("`spacing`", "--spacing"),
-    ("`threads`", "-j"),
-    ("`time_stamps`", "--time-stamps"),
-    ("`time_step`", "--time-step"),
-    ("`time_unit`", "--time-unit"),
-    ("`times`", "--times"),
-    ("`unit`", "--unit"),
-    ("`voxel_type`", "--dtype"),
+/// The library's options whose flags have the same names.
+const ALIKE: &str = "allow_lossy aprons axes channels codec downsample gaps memory nodata offset order \
+    origin overwrite resume shape spacing time_stamps time_step time_unit times unit";
+
+/// The library's other options, with the command's flags for them.
+const RENAMED: [(&str, &str); 6] = [
+    ("edge", "--brick"),
+    ("scratch_dir", "--scratch"),
+    ("shard_edge", "--shard"),
+    ("shard_times", "--shard-time"),
+    ("threads", "-j"),
+    ("voxel_type", "--dtype"),
 ];
+
+/// The library's options as named in its messages, with the command's flags for them.
+fn flags() -> impl Iterator<Item = (String, String)> {
+    let alike = ALIKE.split(' ').map(|option| (option, format!("--{}", option.replace('_', "-"))));
+    let renamed = RENAMED.iter().map(|(option, flag)| (*option, flag.to_string()));
+    alike.chain(renamed).map(|(option, flag)| (format!("`{option}`"), flag))
+}
 
 /// Replaces the options named in a message by flags.
 pub(super) fn with_flags(message: &str) -> String {
-    FLAGS.iter().fold(message.to_string(), |message, (option, flag)| message.replace(option, flag))
+    flags().fold(message.to_string(), |message, (option, flag)| message.replace(&option, &flag))
 }
 
 const MORE_GPU_MEMORY: &str = "raise --gpu-memory, or make the picture smaller";
@@ -169,7 +159,7 @@ mod tests {
     fn the_flags_that_messages_name_are_there() {
         let command = crate::Arguments::command();
         let pack = command.find_subcommand("pack").expect("a subcommand");
-        for (option, flag) in FLAGS {
+        for (option, flag) in flags() {
             let is_it = |argument: &clap::Arg| match flag.strip_prefix("--") {
                 Some(long) => argument.get_long() == Some(long),
                 None => argument.get_short() == flag.chars().nth(1),

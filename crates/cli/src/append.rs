@@ -2,15 +2,13 @@
 
 use super::advice::with_flags;
 use super::failure::{ExitKind, Failure};
-use super::heading;
 use super::input_args::InputArguments;
 use super::interrupt::Interrupt;
-use super::pack_settings::{PackingLimits, StoreSettings};
-use super::progress::Progress;
+use super::pack_settings::{PackingLimits, StoreSettings, Watcher, note_non_finite, note_uncalibrated};
 use super::say::say;
-use super::store_errors;
+use super::{heading, store_errors};
 use brickyard::import::{self, HeldAs, NoData, OpenOptions, Source};
-use brickyard::store::{self, AppendError, Appender, Kind, OpenError, PackError, Store};
+use brickyard::store::{AppendError, Appender, Kind, OpenError, PackError, Store};
 use brickyard::volume::counted;
 use clap::Args;
 use std::collections::HashMap;
@@ -145,23 +143,23 @@ impl Settings {
         stamp: Option<f64>,
     ) -> Result<Appender, Failure> {
         let started = Instant::now();
-        let progress = Progress::new(self.limits.progress, "append");
-        let interrupt = self.interrupt.clone();
-        let watcher = Watcher { voxel_bytes: source.info().voxel_type.bytes() as u64, progress, interrupt };
+        let info = source.info();
+        let watcher = Watcher::new(info, ("append", self.limits.progress), None, self.interrupt.clone());
         let of_file = |error: AppendError| {
             if let AppendError::Cancelled { times, .. } = error {
-                return self.stopped(times, file);
+                let (file, store, steps) = (file.display(), self.store.display(), counted(times.into(), "time step"));
+                let way_on = "the same command goes on with the files from this one on";
+                return Failure::new(ExitKind::Interrupted, format!("{file}: stopped; {store} has {steps}: {way_on}"));
             }
             let is_of_store = match &error {
                 AppendError::Pack(error) => !matches!(error, PackError::Unfit { .. }),
                 AppendError::Open(_) | AppendError::Read(_) | AppendError::Begun { .. } => true,
                 _ => false,
             };
-            let Failure { kind, message } = store_errors::append_failure(error);
-            if is_of_store {
-                Failure::new(kind, message)
-            } else {
-                Failure::new(kind, format!("{}: {message}", file.display()))
+            let failure = store_errors::append_failure(error);
+            match is_of_store {
+                true => failure,
+                false => Failure::new(failure.kind, format!("{}: {}", file.display(), failure.message)),
             }
         };
         let appender = match appender {
@@ -171,37 +169,18 @@ impl Settings {
         let appended = match appender {
             Some(mut appender) => appender.append(source, stamp, &watcher).map(|report| (appender, Some(report))),
             None => {
-                if !source.info().calibrated {
-                    say!(
-                        "note: the input gives no voxel size: the store is uncalibrated; set one with --spacing and --unit"
-                    );
-                }
-                let options = self.limits.limit(self.settings.options(source.info().voxel_type)?);
+                note_uncalibrated(info);
+                let options = self.limits.limit(self.settings.options(info.voxel_type)?);
                 Appender::create(&self.store, source, stamp, &options, &watcher).map(|appender| (appender, None))
             }
         };
-        watcher.progress.finish();
+        watcher.finish();
         let (appender, report) = appended.map_err(of_file)?;
         let (step, store) = (appender.times() - 1, self.store.display());
         let seconds = started.elapsed().as_secs_f64();
         say!("{}: step {step} of {store} in {seconds:.1} s", file.display());
-        if let Some(voxels) = report.map(|report| report.non_finite).filter(|voxels| *voxels > 0) {
-            let voxels = counted(voxels, "voxel");
-            say!("note: {voxels} without a number (no data, NaN or infinite): not drawn and not counted");
-        }
+        note_non_finite(report.map_or(0, |report| report.non_finite));
         Ok(appender)
-    }
-
-    fn stopped(&self, times: u32, file: &Path) -> Failure {
-        Failure::new(
-            ExitKind::Interrupted,
-            format!(
-                "{}: stopped; {} has {}: the same command goes on with the files from this one on",
-                file.display(),
-                self.store.display(),
-                counted(times.into(), "time step")
-            ),
-        )
     }
 
     /// Opens the store; `None` if it is missing, or its first step is not packed to the end.
@@ -223,30 +202,5 @@ impl Settings {
             Err(AppendError::Unfinished { replaces: false, .. }) if times == 1 => Ok(None),
             opened => opened.map(Some).map_err(store_errors::append_failure),
         }
-    }
-}
-
-/// Shows remarks and progress.
-struct Watcher {
-    voxel_bytes: u64,
-    progress: Progress,
-    interrupt: Interrupt,
-}
-
-impl store::Progress for Watcher {
-    fn note(&self, message: &str) {
-        say!("note: {}", with_flags(message));
-    }
-
-    fn warn(&self, message: &str) {
-        say!("warning: {}", with_flags(message));
-    }
-
-    fn advanced(&self, done: u64, total: u64) {
-        self.progress.set(done * self.voxel_bytes, total * self.voxel_bytes);
-    }
-
-    fn is_cancelled(&self) -> bool {
-        self.interrupt.is_asked()
     }
 }

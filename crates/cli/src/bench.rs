@@ -1,15 +1,13 @@
 //! `brickyard bench`: measured flights over stores and playbacks of their time steps, as tables.
 
-use super::bench_play::{self, PlayArguments};
-use super::failure::Failure;
-use super::heading;
+use super::bench_play::{self, PlayArguments, mib, three};
 use super::named::Named;
 use super::output::{is_stdout, may_write_data, write_json};
 use super::sampling_args::SamplingArguments;
 use super::scene_args::SceneArguments;
 use super::session_args::{BACKENDS, COMPOSITORS, threads};
 use super::session_errors::session_failure;
-use super::{print_json, print_line, store_errors, values};
+use super::{Failure, heading, print_json, print_line, store_errors, values};
 use brickyard::backend::{BackendChoice, CompositorChoice};
 use brickyard::session::SessionOptions;
 use brickyard_measure::flight::{FlightError, FlightPlan, FlightReport, fly, forget_pages};
@@ -94,12 +92,6 @@ enum Played {
     Jumps,
 }
 
-impl Played {
-    fn flight(self) -> Option<Scenario> {
-        if let Self::Flight(scenario) = self { Some(scenario) } else { None }
-    }
-}
-
 const SCENARIOS: Named<Played> = Named(&[
     ("still", Played::Flight(Scenario::Still), ""),
     ("orbit", Played::Flight(Scenario::Orbit), ""),
@@ -176,7 +168,7 @@ fn measured(arguments: &BenchArguments, paths: &[&Path], scenario: Played) -> Re
     // Opened once before the clock starts: for the scene, and so a store that does not open is reported as usual.
     let volumes = store_errors::open_volumes(paths)?;
     let extents = volumes.iter().map(|volume| volume.source.pyramid().levels()[0].extent.to_array()).collect();
-    if scenario.flight().is_none() && volumes.iter().all(|volume| volume.source.times() == 1) {
+    if !matches!(scenario, Played::Flight(_)) && volumes.iter().all(|volume| volume.source.times() == 1) {
         let problem = "one time step cannot be played: leave play and scrub out of --scenario";
         return Err(Failure::usage(format!("{}: {problem}", paths[0].display())));
     }
@@ -193,17 +185,17 @@ fn measured(arguments: &BenchArguments, paths: &[&Path], scenario: Played) -> Re
         host_memory_bytes: arguments.host_memory,
         threads: threads(arguments.threads),
         skips_empty: !arguments.no_skipping,
-        keeps_decoded: true,
         live: true,
+        ..SessionOptions::default()
     };
     let frame_goal = arguments.frame_goal.map(|ms| Duration::from_millis(ms.into()));
     let (scene, size_px) = (&scene, arguments.size);
-    let report = match scenario.flight() {
-        Some(scenario) => {
+    let report = match scenario {
+        Played::Flight(scenario) => {
             let (frames, seed) = (arguments.frames, arguments.seed);
             fly(paths, &FlightPlan { scenario, scene, frames, size_px, seed, frame_goal }, &options).map(Report::Flight)
         }
-        None => {
+        Played::Steps | Played::Jumps => {
             let PlayArguments { steps, no_drawing, .. } = arguments.play;
             let playback = matches!(scenario, Played::Steps).then(|| arguments.play.playback());
             let plan = PlayPlan { scene, playback, steps, size_px, draws: !no_drawing, frame_goal };
@@ -228,37 +220,24 @@ fn line(row: &Row<'_>) -> String {
     let names: Vec<_> = row.stores.iter().map(|path| path.file_name().unwrap_or_default().to_string_lossy()).collect();
     let stores = names.join(" + ");
     let cold = if row.cold { ", cold" } else { "" };
-    let r = match &row.report {
+    let report = match &row.report {
         Report::Flight(report) => report,
         Report::Play { scenario, report, .. } => {
             return bench_play::line(&stores, &format!("{scenario}{cold}"), report);
         }
     };
-    let mib = |bytes: u64| bytes as f64 / (1 << 20) as f64;
     let share = |part: u64, whole: u64| if whole == 0 { 0.0 } else { part as f64 / whole as f64 };
+    let FlightReport { open_ms, first_picture_ms, settled_ms, settle_after_ms, frame_ms, bricks, bytes, .. } = report;
+    let FlightReport { uncovered_frames, frames_over_budget, .. } = report;
+    let (scenario, frames) = (report.scenario.name(), three([frame_ms.p50, frame_ms.p95, frame_ms.p99]));
+    let (quality, complete) = (report.quality * 100.0, report.completeness * 100.0);
+    let traffic = three([bytes.read, bytes.decoded, bytes.uploaded].map(mib));
+    let decoded = share(report.bricks_decoded, bricks.uploaded);
+    let again = share(bricks.reuploaded, bricks.uploaded) * 100.0;
+    let memory = three([report.gpu_bytes_peak, report.host_bytes_peak, report.anonymous_peak].map(mib));
     format!(
-        "| {stores} | {}{} | {:.1} | {:.0} | {:.0} | {:.0} / {:.0} / {:.0} | {:.0} % | {:.0} | {:.1} % | {:.0} / {:.0} / {:.0} | {:.2} | \
-         {:.1} % | {:.0} / {:.0} / {:.0} | {}, {} |",
-        r.scenario.name(),
-        cold,
-        r.open_ms,
-        r.first_picture_ms,
-        r.settled_ms,
-        r.frame_ms.p50,
-        r.frame_ms.p95,
-        r.frame_ms.p99,
-        r.quality * 100.0,
-        r.settle_after_ms,
-        r.completeness * 100.0,
-        mib(r.bytes.read),
-        mib(r.bytes.decoded),
-        mib(r.bytes.uploaded),
-        share(r.bricks_decoded, r.bricks.uploaded),
-        share(r.bricks.reuploaded, r.bricks.uploaded) * 100.0,
-        mib(r.gpu_bytes_peak),
-        mib(r.host_bytes_peak),
-        mib(r.anonymous_peak),
-        r.uncovered_frames,
-        r.frames_over_budget,
+        "| {stores} | {scenario}{cold} | {open_ms:.1} | {first_picture_ms:.0} | {settled_ms:.0} | {frames} | \
+         {quality:.0} % | {settle_after_ms:.0} | {complete:.1} % | {traffic} | {decoded:.2} | {again:.1} % | {memory} | \
+         {uncovered_frames}, {frames_over_budget} |"
     )
 }

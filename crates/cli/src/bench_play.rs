@@ -3,6 +3,7 @@
 use super::named::Named;
 use super::{heading, values};
 use brickyard::pager::{Ending, Playback, Policy};
+use brickyard::stats::Percentiles;
 use brickyard_measure::playing::PlayReport;
 use clap::Args;
 
@@ -35,44 +36,35 @@ impl PlayArguments {
     }
 }
 
+pub(super) fn mib(bytes: u64) -> f64 {
+    bytes as f64 / (1 << 20) as f64
+}
+
+/// Formats three whole numbers for one cell.
+pub(super) fn three(numbers: [f64; 3]) -> String {
+    numbers.map(|number| format!("{number:.0}")).join(" / ")
+}
+
 pub(super) const HEAD: &str = "\
 | stores | scenario | start ms | steps/s | shown, late, dropped | levels shown, finest first | jump ms p50 / p95 | whole ms p50 / p95 | quality | draw ms p50 / p95 | \
 stream ms p50 / p95 | CPU ms a step | bricks decoded / uploaded / shared a step | read / decoded / uploaded KiB a step | limit | backend / host / anonymous MiB | uncovered, mixed |
 | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |";
 
-pub(super) fn line(stores: &str, scenario: &str, r: &PlayReport) -> String {
-    let (kib, mib) = (|bytes: u64| bytes as f64 / 1024.0, |bytes: u64| bytes as f64 / (1 << 20) as f64);
-    let levels: Vec<String> = r.levels.iter().map(|share| format!("{:.0} %", share * 100.0)).collect();
+pub(super) fn line(stores: &str, scenario: &str, report: &PlayReport) -> String {
+    let pair = |of: &Percentiles, digits: usize| format!("{:.digits$} / {:.digits$}", of.p50, of.p95);
+    let PlayReport { start_ms, steps_per_second, shown, late, dropped, limit, uncovered, mixed, .. } = report;
+    let PlayReport { processor_ms_per_step, decoded_per_step, uploaded_per_step, shared_per_step, .. } = report;
+    let levels: Vec<String> = report.levels.iter().map(|share| format!("{:.0} %", share * 100.0)).collect();
+    let (levels, quality) = (levels.join(" "), report.quality * 100.0);
+    let (jump, whole) = (pair(&report.jump_ms, 0), pair(&report.settle_ms, 0));
+    let (draw, stream) = (pair(&report.draw_ms, 1), pair(&report.step_ms, 2));
+    let bytes = &report.bytes_per_step;
+    let traffic = three([bytes.read, bytes.decoded, bytes.uploaded].map(|bytes| bytes as f64 / 1024.0));
+    let memory = three([report.gpu_bytes_peak, report.host_bytes_peak, report.anonymous_peak].map(mib));
     format!(
-        "| {stores} | {scenario} | {:.0} | {:.1} | {}, {}, {} | {} | {:.0} / {:.0} | {:.0} / {:.0} | {:.0} % | {:.1} / {:.1} | {:.2} / {:.2} | {:.1} | \
-         {:.1} / {:.1} / {:.1} | {:.0} / {:.0} / {:.0} | {} | {:.0} / {:.0} / {:.0} | {}, {} |",
-        r.start_ms,
-        r.steps_per_second,
-        r.shown,
-        r.late,
-        r.dropped,
-        levels.join(" "),
-        r.jump_ms.p50,
-        r.jump_ms.p95,
-        r.settle_ms.p50,
-        r.settle_ms.p95,
-        r.quality * 100.0,
-        r.draw_ms.p50,
-        r.draw_ms.p95,
-        r.step_ms.p50,
-        r.step_ms.p95,
-        r.processor_ms_per_step,
-        r.decoded_per_step,
-        r.uploaded_per_step,
-        r.shared_per_step,
-        kib(r.bytes_per_step.read),
-        kib(r.bytes_per_step.decoded),
-        kib(r.bytes_per_step.uploaded),
-        r.limit,
-        mib(r.gpu_bytes_peak),
-        mib(r.host_bytes_peak),
-        mib(r.anonymous_peak),
-        r.uncovered,
-        r.mixed,
+        "| {stores} | {scenario} | {start_ms:.0} | {steps_per_second:.1} | {shown}, {late}, {dropped} | {levels} | \
+         {jump} | {whole} | {quality:.0} % | {draw} | {stream} | {processor_ms_per_step:.1} | \
+         {decoded_per_step:.1} / {uploaded_per_step:.1} / {shared_per_step:.1} | {traffic} | {limit} | {memory} | \
+         {uncovered}, {mixed} |"
     )
 }

@@ -1,6 +1,6 @@
 //! Files of camera paths: JSON lists of cameras, each with an optional time step.
 
-use super::failure::Failure;
+use super::Failure;
 use super::step_range::StepRange;
 use brickyard::text_file::read_text;
 use brickyard::volume::{Camera, Projection};
@@ -26,14 +26,6 @@ pub(super) struct CameraPath {
     cameras: Vec<Camera>,
     /// The indices of the cameras with a time step, ascending, and the steps.
     steps: Vec<(usize, u32)>,
-}
-
-/// A place on a path: a camera's index, and the part of the way to the next one as a fraction less than 1.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Place {
-    camera: usize,
-    numerator: u64,
-    denominator: u64,
 }
 
 impl CameraPath {
@@ -105,7 +97,7 @@ impl CameraPath {
     /// same one.
     pub(super) fn listed(&self, i: usize, count: usize) -> (Camera, Option<u32>) {
         let camera = i * self.cameras.len() / count;
-        (self.cameras[camera], self.step(Place { camera, numerator: 0, denominator: 1 }))
+        (self.cameras[camera], self.step(camera, (0, 1)))
     }
 
     /// The camera of picture `i` of `count`, evenly from the first camera to the last, interpolated where needed.
@@ -115,30 +107,30 @@ impl CameraPath {
     pub(super) fn between(&self, i: usize, count: usize) -> Result<(Camera, Option<u32>), Failure> {
         let (legs, intervals) = (self.cameras.len() as u64 - 1, (count as u64 - 1).max(1));
         let along = i as u64 * legs;
-        let place =
-            Place { camera: (along / intervals) as usize, numerator: along % intervals, denominator: intervals };
-        let camera = self.cameras[place.camera];
-        let camera = match (place.numerator, self.cameras.get(place.camera + 1)) {
+        let (before, rest) = ((along / intervals) as usize, along % intervals);
+        let camera = self.cameras[before];
+        let camera = match (rest, self.cameras.get(before + 1)) {
             (1.., Some(next)) => {
-                let t = place.numerator as f64 / place.denominator as f64;
+                let t = rest as f64 / intervals as f64;
                 camera.between(next, t).map_err(|error| Failure::usage(format!("{}: {error}", self.file.display())))?
             }
             _ => camera,
         };
-        Ok((camera, self.step(place)))
+        Ok((camera, self.step(before, (rest, intervals))))
     }
 
-    /// Returns the time step at a place: interpolated between the nearest two cameras with a step and rounded down,
-    /// constant before the first and after the last of them. `None` if no camera has one.
-    fn step(&self, place: Place) -> Option<u32> {
-        let after = self.steps.partition_point(|(camera, _)| *camera <= place.camera);
+    /// Returns the time step at a camera, or behind it by a fraction, less than 1, of the way to the next: interpolated
+    /// between the nearest two cameras with a step and rounded down, constant before the first and after the last of
+    /// them. `None` if no camera has one.
+    fn step(&self, camera: usize, (numerator, denominator): (u64, u64)) -> Option<u32> {
+        let after = self.steps.partition_point(|(of_step, _)| *of_step <= camera);
         let Some((from_camera, from)) = after.checked_sub(1).map(|before| self.steps[before]) else {
             return self.steps.first().map(|(_, step)| *step);
         };
         let Some(&(to_camera, to)) = self.steps.get(after) else { return Some(from) };
         // In integers: rounding must not turn an exactly reached step into the previous one.
-        let denominator = i128::from(place.denominator);
-        let gone = (place.camera - from_camera) as i128 * denominator + i128::from(place.numerator);
+        let denominator = i128::from(denominator);
+        let gone = (camera - from_camera) as i128 * denominator + i128::from(numerator);
         let way = (to_camera - from_camera) as i128 * denominator;
         let step = i128::from(from) + ((i128::from(to) - i128::from(from)) * gone).div_euclid(way);
         // Between two steps, so in range.

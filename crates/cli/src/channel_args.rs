@@ -1,10 +1,8 @@
 //! `--channel`, and the look of channels: the choice of a store's channels, by number or name, with their window,
 //! colour, opacity and gamma.
 
-use super::failure::Failure;
-use super::heading;
 use super::say::say;
-use super::values;
+use super::{Failure, heading, values};
 use brickyard::channels::{channel_layers, default_layers};
 use brickyard::session::VolumeSource;
 use brickyard::store::ChannelStatistics;
@@ -20,22 +18,22 @@ pub(crate) struct ChannelArguments {
     channel: Option<String>,
     /// Values shown as black and as full colour, of all channels or of one; as percentiles with % [default: the
     /// store's]
-    #[arg(help_heading = heading::LOOK, long, value_name = "[CHANNEL=]LOW,HIGH", value_parser = setting::<[Bound; 2]>, allow_hyphen_values = true)]
+    #[arg(help_heading = heading::LOOK, long, value_name = "[CHANNEL=]LOW,HIGH", value_parser = |text: &str| setting(text, window), allow_hyphen_values = true)]
     window: Vec<Setting<[Bound; 2]>>,
     /// From black to this colour over the window, of all channels or of one: a name, RRGGBB, or R:G:B in 0..1 [default:
     /// the store's, or the transfer function's]
-    #[arg(help_heading = heading::LOOK, long, value_name = "[CHANNEL=]COLOR", value_parser = setting::<Color>)]
-    color: Vec<Setting<Color>>,
+    #[arg(help_heading = heading::LOOK, long, value_name = "[CHANNEL=]COLOR", value_parser = |text: &str| setting(text, color))]
+    color: Vec<Setting<[f64; 3]>>,
     /// Factor of opacities, 0..1, of all channels or of one; in projections the opacity of the whole channel [default:
     /// 1]
-    #[arg(help_heading = heading::LOOK, long, value_name = "[CHANNEL=]OPACITY", value_parser = setting::<f64>, allow_hyphen_values = true)]
+    #[arg(help_heading = heading::LOOK, long, value_name = "[CHANNEL=]OPACITY", value_parser = |text: &str| setting(text, number), allow_hyphen_values = true)]
     opacity: Vec<Setting<f64>>,
     /// Exponent of a channel over its window; less than 1 shows more of the lesser values [default: 1]
-    #[arg(help_heading = heading::LOOK, long, value_name = "[CHANNEL=]GAMMA", value_parser = setting::<f64>, allow_hyphen_values = true)]
+    #[arg(help_heading = heading::LOOK, long, value_name = "[CHANNEL=]GAMMA", value_parser = |text: &str| setting(text, number), allow_hyphen_values = true)]
     gamma: Vec<Setting<f64>>,
     /// Labels to show, separated by commas; of labels [default: all but the background, 0]
-    #[arg(help_heading = heading::PART, long, value_name = "[CHANNEL=]LABEL,...", value_parser = setting::<Labels>, allow_hyphen_values = true)]
-    show_labels: Vec<Setting<Labels>>,
+    #[arg(help_heading = heading::PART, long, value_name = "[CHANNEL=]LABEL,...", value_parser = |text: &str| setting(text, values::labels), allow_hyphen_values = true)]
+    show_labels: Vec<Setting<Vec<i64>>>,
 }
 
 /// A value for the layers of one channel, or of all.
@@ -55,13 +53,7 @@ enum Bound {
     Percent(f64),
 }
 
-/// Red, green and blue, each 0 to 1.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Color([f64; 3]);
-
-#[derive(Clone, Debug, PartialEq)]
-struct Labels(Vec<i64>);
-
+/// Named colours: red, green and blue, each 0 to 1.
 const COLORS: [(&str, [f64; 3]); 9] = [
     ("white", [1.0, 1.0, 1.0]),
     ("gray", [1.0, 1.0, 1.0]),
@@ -74,78 +66,59 @@ const COLORS: [(&str, [f64; 3]); 9] = [
     ("orange", [1.0, 0.5, 0.0]),
 ];
 
-/// The value of a channel flag.
-trait Value: Sized {
-    fn read(text: &str) -> Result<Self, String>;
+fn number(text: &str) -> Result<f64, String> {
+    let number = text.parse().ok().filter(|number: &f64| number.is_finite());
+    number.ok_or_else(|| format!("'{text}': expected a number"))
 }
 
-impl Value for f64 {
-    fn read(text: &str) -> Result<Self, String> {
-        text.parse()
-            .ok()
-            .filter(|number: &f64| number.is_finite())
-            .ok_or_else(|| format!("'{text}': expected a number"))
+/// Reads `LOW,HIGH` or `LOW:HIGH`, each a value or a percentile.
+fn window(text: &str) -> Result<[Bound; 2], String> {
+    let form = || format!("'{text}': expected LOW,HIGH, each a value or a percentile, as in 100,4000 or 1%,99.5%");
+    let (low, high) = text.split_once([',', ':']).ok_or_else(form)?;
+    let bound = |text: &str| match text.trim().strip_suffix('%') {
+        Some(percent) => match percent.trim().parse::<f64>() {
+            Ok(percent) if (0.0..=100.0).contains(&percent) => Ok(Bound::Percent(percent)),
+            _ => Err(format!("'{}': expected a percentile of 0% to 100%", text.trim())),
+        },
+        None => text.trim().parse().ok().filter(|v: &f64| v.is_finite()).map(Bound::Value).ok_or_else(form),
+    };
+    let bounds = [bound(low)?, bound(high)?];
+    match bounds {
+        [Bound::Value(low), Bound::Value(high)] | [Bound::Percent(low), Bound::Percent(high)] if low >= high => {
+            let is_empty = low == high;
+            Err(if is_empty {
+                format!("'{text}': the window is empty: expected two different ends, the lesser one first")
+            } else {
+                format!("'{text}': the window is upside down: expected the lesser end first")
+            })
+        }
+        _ => Ok(bounds),
     }
 }
 
-impl Value for Labels {
-    fn read(text: &str) -> Result<Self, String> {
-        values::labels(text).map(Self)
+/// Reads a colour's name, six hexadecimal digits, or three numbers.
+fn color(text: &str) -> Result<[f64; 3], String> {
+    if let Some((_, color)) = COLORS.iter().find(|(name, _)| name.eq_ignore_ascii_case(text)) {
+        return Ok(*color);
     }
-}
-
-impl Value for [Bound; 2] {
-    /// Reads `LOW,HIGH` or `LOW:HIGH`, each a value or a percentile.
-    fn read(text: &str) -> Result<Self, String> {
-        let form = || format!("'{text}': expected LOW,HIGH, each a value or a percentile, as in 100,4000 or 1%,99.5%");
-        let (low, high) = text.split_once([',', ':']).ok_or_else(form)?;
-        let bound = |text: &str| match text.trim().strip_suffix('%') {
-            Some(percent) => match percent.trim().parse::<f64>() {
-                Ok(percent) if (0.0..=100.0).contains(&percent) => Ok(Bound::Percent(percent)),
-                _ => Err(format!("'{}': expected a percentile of 0% to 100%", text.trim())),
-            },
-            None => text.trim().parse().ok().filter(|v: &f64| v.is_finite()).map(Bound::Value).ok_or_else(form),
-        };
-        let bounds = [bound(low)?, bound(high)?];
-        match bounds {
-            [Bound::Value(low), Bound::Value(high)] | [Bound::Percent(low), Bound::Percent(high)] if low >= high => {
-                let is_empty = low == high;
-                Err(if is_empty {
-                    format!("'{text}': the window is empty: expected two different ends, the lesser one first")
-                } else {
-                    format!("'{text}': the window is upside down: expected the lesser end first")
-                })
-            }
-            _ => Ok(bounds),
-        }
+    if let Some(color) = from_hex(text.trim_start_matches('#')) {
+        return Ok(color.map(|part| f64::from(part) / 255.0));
     }
-}
-
-impl Value for Color {
-    /// Reads a colour's name, six hexadecimal digits, or three numbers.
-    fn read(text: &str) -> Result<Self, String> {
-        if let Some((_, color)) = COLORS.iter().find(|(name, _)| name.eq_ignore_ascii_case(text)) {
-            return Ok(Self(*color));
-        }
-        if let Some(color) = from_hex(text.trim_start_matches('#')) {
-            return Ok(Self(color.map(|part| f64::from(part) / 255.0)));
-        }
-        if text.contains([':', ',']) {
-            return values::color(&text.replace(':', ",")).map(Self);
-        }
-        let names = COLORS.map(|(name, _)| name);
-        let near = near_name::hint(text, names.into_iter());
-        Err(format!("no colour '{text}'{near}: expected RRGGBB, R:G:B, or one of {}", names.join(", ")))
+    if text.contains([':', ',']) {
+        return values::color(&text.replace(':', ","));
     }
+    let names = COLORS.map(|(name, _)| name);
+    let near = near_name::hint(text, names.into_iter());
+    Err(format!("no colour '{text}'{near}: expected RRGGBB, R:G:B, or one of {}", names.join(", ")))
 }
 
 /// Reads `[CHANNEL=]VALUE`. Names may contain equals signs, values do not.
-fn setting<T: Value>(text: &str) -> Result<Setting<T>, String> {
+fn setting<T>(text: &str, read: impl Fn(&str) -> Result<T, String>) -> Result<Setting<T>, String> {
     let (channel, value) = match text.rsplit_once('=') {
         Some((channel, value)) => (Some(channel.trim().to_string()), value),
         None => (None, text),
     };
-    Ok(Setting { channel, value: T::read(value.trim())? })
+    Ok(Setting { channel, value: read(value.trim())? })
 }
 
 impl ChannelArguments {
@@ -208,32 +181,27 @@ impl ChannelArguments {
     /// # Errors
     /// If no layer shows a named channel, both percentiles are one value, or a label does not exist.
     pub(super) fn set_looks(&self, scene: &mut Scene, volumes: &[VolumeSource]) -> Result<(), Failure> {
-        let window = |layer: &mut SceneLayer, bounds: &[Bound; 2], volume: &VolumeSource| {
+        each(&self.window, "--window", Suits::Measurements, scene, volumes, |layer, bounds, volume| {
             layer.window = Some(found_window(*bounds, volume.statistics(layer.channel), layer.channel)?);
             Ok(())
-        };
-        each(&self.window, "--window", Suits::Measurements, scene, volumes, window)?;
-        let color = |layer: &mut SceneLayer, Color(color): &Color, _: &VolumeSource| {
+        })?;
+        each(&self.color, "--color", Suits::All, scene, volumes, |layer, color, _| {
             layer.color = Some(*color);
             Ok(())
-        };
-        each(&self.color, "--color", Suits::All, scene, volumes, color)?;
-        let opacity = |layer: &mut SceneLayer, opacity: &f64, _: &VolumeSource| {
+        })?;
+        each(&self.opacity, "--opacity", Suits::All, scene, volumes, |layer, opacity, _| {
             layer.opacity = *opacity;
             Ok(())
-        };
-        each(&self.opacity, "--opacity", Suits::All, scene, volumes, opacity)?;
-        let gamma = |layer: &mut SceneLayer, gamma: &f64, _: &VolumeSource| {
+        })?;
+        each(&self.gamma, "--gamma", Suits::Measurements, scene, volumes, |layer, gamma, _| {
             layer.gamma = *gamma;
             Ok(())
-        };
-        each(&self.gamma, "--gamma", Suits::Measurements, scene, volumes, gamma)?;
-        let show_labels = |layer: &mut SceneLayer, Labels(labels): &Labels, volume: &VolumeSource| {
+        })?;
+        each(&self.show_labels, "--show-labels", Suits::Labels, scene, volumes, |layer, labels, volume| {
             check_labels(labels, volume, layer.channel)?;
             layer.show_labels = Some(labels.clone());
             Ok(())
-        };
-        each(&self.show_labels, "--show-labels", Suits::Labels, scene, volumes, show_labels)
+        })
     }
 }
 
@@ -366,9 +334,9 @@ mod tests {
 
     #[test]
     fn settings_are_for_one_channel_or_for_all() {
-        let found = setting("a=b=1%,99.5%").unwrap();
+        let found = setting("a=b=1%,99.5%", window).unwrap();
         assert_eq!(found, Setting { channel: Some("a=b".into()), value: [Bound::Percent(1.0), Bound::Percent(99.5)] });
-        let found = setting("-3:7").unwrap();
+        let found = setting("-3:7", window).unwrap();
         assert_eq!(found, Setting { channel: None, value: [Bound::Value(-3.0), Bound::Value(7.0)] });
         let bad = [
             ("7,3", "upside down"),
@@ -379,15 +347,15 @@ mod tests {
             ("nan,3", "LOW,HIGH"),
         ];
         for (bad, word) in bad {
-            assert!(setting::<[Bound; 2]>(bad).unwrap_err().contains(word), "{bad}");
+            assert!(setting(bad, window).unwrap_err().contains(word), "{bad}");
         }
     }
 
     #[test]
     fn colours_have_names_digits_or_numbers() {
-        let found = ["Cyan", "#0000ff", "1:0.5:0"].map(|text| Color::read(text).unwrap().0);
+        let found = ["Cyan", "#0000ff", "1:0.5:0"].map(|text| color(text).unwrap());
         assert_eq!(found, [[0.0, 1.0, 1.0], [0.0, 0.0, 1.0], [1.0, 0.5, 0.0]]);
-        assert!(Color::read("gren").unwrap_err().contains("did you mean 'green'?"));
-        assert!(Color::read("1:0").is_err());
+        assert!(color("gren").unwrap_err().contains("did you mean 'green'?"));
+        assert!(color("1:0").is_err());
     }
 }

@@ -1,7 +1,6 @@
 //! `brickyard completions`: a script for a shell to complete the command line.
 
-use super::failure::Failure;
-use super::{Arguments, print_line};
+use super::{Arguments, Failure, print_line};
 use clap::{Args, CommandFactory};
 use clap_complete::Shell;
 

@@ -1,10 +1,9 @@
 //! The destination of a `render`'s pictures: numbered files, or a movie.
 
-use super::failure::Failure;
 use super::output::{is_stdout, may_write_data, may_write_file, may_write_png};
-use super::printed;
 use super::render_args::RenderArguments;
 use super::say::say;
+use super::{Failure, printed};
 use brickyard::movie_file::{MovieError, MovieFile};
 use brickyard::picture_file::{send_shown, write_shown};
 use brickyard::stats::RenderStats;
@@ -112,22 +111,18 @@ impl Destination {
     /// If it cannot be written.
     pub(super) fn finish(self) -> Result<(), Failure> {
         match self {
-            Self::Pictures { output, count: 1 } => {
-                say!("wrote {}", output.display());
-                Ok(())
-            }
+            Self::Pictures { output, count: 1 } => say!("wrote {}", output.display()),
             Self::Pictures { output, count } => {
                 let [first, last] = [0, count - 1].map(|i| numbered(&output, i, count));
                 say!("wrote {count} pictures, {} to {}", first.display(), last.display());
-                Ok(())
             }
-            Self::Stdout => Ok(()),
+            Self::Stdout => {}
             Self::Movie { movie, path, count } => {
                 movie.finish().map_err(movie_failure)?;
                 say!("wrote {}, a movie of {count} pictures", path.display());
-                Ok(())
             }
         }
+        Ok(())
     }
 }
 

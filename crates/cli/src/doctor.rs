@@ -1,13 +1,11 @@
 //! `brickyard doctor`: this machine's capabilities, and a small volume packed and rendered by every backend as a proof.
 
-use super::failure::Failure;
-use super::heading;
 use super::session_args::processors;
-use super::{print_json, print_line, store_errors, values};
-use brickyard::backend::{BackendChoice, CompositorChoice};
+use super::{Failure, heading, print_json, print_line, store_errors, values};
+use brickyard::backend::BackendChoice;
 use brickyard::import::{SynthKind, SynthSource};
 use brickyard::memory::available_bytes;
-use brickyard::offline::render_settled;
+use brickyard::offline::{OfflineError, render_settled};
 use brickyard::oracle::render_reference;
 use brickyard::render::adapters;
 use brickyard::session::{Session, SessionOptions, VolumeSource, resolve};
@@ -122,25 +120,21 @@ fn trials_in(path: &std::path::Path) -> Result<Vec<Trial>, Failure> {
 fn trial(name: &'static str, backend: BackendChoice, store: &Arc<Store>, scene: &Scene, expected: &Picture) -> Trial {
     let options = SessionOptions {
         backend,
-        compositor: CompositorChoice::Auto,
         gpu_memory_bytes: 64 << 20,
         cpu_memory_bytes: 64 << 20,
         host_memory_bytes: 64 << 20,
         threads: processors(),
-        skips_empty: true,
-        keeps_decoded: true,
-        live: false,
+        ..SessionOptions::default()
     };
-    let failed = |detail: String| Trial { backend: name, ok: false, detail, frame_ms: 0.0 };
     let mut session = Session::new(vec![VolumeSource::of_store(store)], options);
-    let resolved = match session.resolve(scene, SIZE) {
-        Ok(resolved) => resolved,
-        Err(error) => return failed(error.to_string()),
-    };
     let (mut stats, mut frame_ms) = (RenderStats::default(), Vec::new());
     let wait = Duration::from_secs(20);
-    match render_settled(&mut session, &resolved, wait, Instant::now(), &mut stats, &mut frame_ms) {
-        Err(error) => failed(error.to_string()),
+    let drawn = session
+        .resolve(scene, SIZE)
+        .map_err(OfflineError::Session)
+        .and_then(|resolved| render_settled(&mut session, &resolved, wait, Instant::now(), &mut stats, &mut frame_ms));
+    match drawn {
+        Err(error) => Trial { backend: name, ok: false, detail: error.to_string(), frame_ms: 0.0 },
         Ok(picture) => {
             let difference = picture.difference(expected);
             let same = difference.max <= 1 || difference.psnr_db >= 50.0;
@@ -161,17 +155,12 @@ fn text(report: &Report) -> String {
     if report.adapters.is_empty() {
         lines.push("adapters: none; for a software one install a Vulkan driver (Debian: mesa-vulkan-drivers)".into());
     }
-    for a in &report.adapters {
+    for adapter in &report.adapters {
+        let Adapter { name, kind, api, driver, max_texture_3d, atlas_u8, atlas_u16, .. } = adapter;
+        let buffers = values::human_bytes(adapter.max_buffer_bytes);
         lines.push(format!(
-            "adapter: {} ({}, {}, {}): 3D textures to {}, buffers to {}, 8-bit bricks as {}, 16-bit as {}",
-            a.name,
-            a.kind,
-            a.api,
-            a.driver,
-            a.max_texture_3d,
-            values::human_bytes(a.max_buffer_bytes),
-            a.atlas_u8,
-            a.atlas_u16
+            "adapter: {name} ({kind}, {api}, {driver}): 3D textures to {max_texture_3d}, buffers to {buffers}, \
+             8-bit bricks as {atlas_u8}, 16-bit as {atlas_u16}"
         ));
     }
     for t in &report.trials {

@@ -1,15 +1,13 @@
 //! `brickyard export`: a level, or a box of it, of one time step or several, to a plain file.
 
-use super::failure::Failure;
-use super::heading;
 use super::interrupt::Interrupt;
 use super::output::may_write_array;
 use super::progress::{Progress, ProgressStyleArgument};
 use super::say::say;
 use super::step_range::StepRange;
-use super::{store_errors, values};
+use super::{Failure, heading, store_errors, values};
 use brickyard::store::{self, ExportRequest, ExportTime};
-use brickyard::volume::{Level, VoxelBox, counted};
+use brickyard::volume::{Extent, Level, VoxelBox, counted};
 use clap::Args;
 use std::path::PathBuf;
 
@@ -70,18 +68,12 @@ pub(crate) fn run(arguments: &ExportArguments) -> Result<(), Failure> {
         interrupt.flow()
     });
     progress.finish();
-    let extent = exported.map_err(store_errors::export_failure)?;
+    let Extent { x, y, z } = exported.map_err(store_errors::export_failure)?;
     let steps = match time {
         ExportTime::Step(_) => String::new(),
         ExportTime::Steps { .. } => counted(u64::from((end - first).div_ceil(stride)), "step") + " of ",
     };
-    say!(
-        "{}: {steps}{} x {} x {} {}, x fastest, little-endian",
-        arguments.output.display(),
-        extent.x,
-        extent.y,
-        extent.z,
-        store.voxel_type()
-    );
+    let (output, voxel_type) = (arguments.output.display(), store.voxel_type());
+    say!("{output}: {steps}{x} x {y} x {z} {voxel_type}, x fastest, little-endian");
     Ok(())
 }

@@ -1,9 +1,7 @@
 //! `brickyard info`: the contents of a store.
 
-use super::failure::Failure;
-use super::heading;
 use super::values::{self, short};
-use super::{print_json, print_line, store_errors};
+use super::{Failure, heading, print_json, print_line, store_errors};
 use brickyard::store::{ChannelDisplay, Kind, ReadError, Store};
 use brickyard::volume::channel::hex;
 use brickyard::volume::numbers::{exact, significant, to_place};
@@ -117,23 +115,18 @@ fn text(info: &Info<'_>, store: &Store) -> String {
             lines.push(format!("  channel {c}: labels from {} to {}", channel.range[0], channel.range[1]));
             continue;
         }
-        lines.push(format!(
-            "  channel {c}{}: {}, {} not finite",
-            look(&store.channel_displays()[c]),
-            statistics(channel.range, channel.mean, store.default_window(c as u32), store.voxel_type()),
-            channel.nan + channel.pos_inf + channel.neg_inf
-        ));
+        let (look, window) = (look(&store.channel_displays()[c]), store.default_window(c as u32));
+        let values = statistics(channel.range, channel.mean, window, store.voxel_type());
+        let not_finite = channel.nan + channel.pos_inf + channel.neg_inf;
+        lines.push(format!("  channel {c}{look}: {values}, {not_finite} not finite"));
     }
     lines.extend(no_data(store));
     for (l, level) in info.levels.iter().enumerate() {
         let [x, y, z] = level.extent;
         let bytes = store.pyramid().level(Level(l as u8)).extent.volume() * store.voxel_type().bytes() as u64;
-        lines.push(format!(
-            "  level {l}: {x} x {y} x {z} voxels, {}, {} raw, spacing {}",
-            counted(level.bricks, "brick"),
-            values::human_bytes(bytes),
-            triple(level.spacing)
-        ));
+        let (bricks, raw, spacing) =
+            (counted(level.bricks, "brick"), values::human_bytes(bytes), triple(level.spacing));
+        lines.push(format!("  level {l}: {x} x {y} x {z} voxels, {bricks}, {raw} raw, spacing {spacing}"));
     }
     if let Some(apron) = store.apron() {
         let bytes = values::human_bytes(info.apron_bytes);

@@ -1,9 +1,8 @@
 //! Properties of foreign files that the files lack, or that the user knows better: flags shared by the commands that
 //! read them.
 
-use super::heading;
 use super::named::Named;
-use super::values;
+use super::{heading, values};
 use brickyard::import::{AxisOrder, Endian, FileOrder, Gaps, NoData, OpenOptions};
 use brickyard::volume::{Extent, VoxelType};
 use clap::Args;

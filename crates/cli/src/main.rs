@@ -49,7 +49,7 @@ mod view;
 mod views;
 mod volume_args;
 
-use clap::{Parser, Subcommand};
+use clap::{ArgMatches, CommandFactory, FromArgMatches, Parser, Subcommand};
 pub(crate) use failure::Failure;
 use std::io::{IsTerminal, Write};
 use std::process::ExitCode;
@@ -99,7 +99,7 @@ enum Command {
     /// Open a window on a store
     #[cfg(feature = "viewer")]
     #[command(after_help = examples::VIEW)]
-    View(Box<view::ViewCommand>),
+    View(Box<view::ViewArguments>),
     /// Render a store to PNG, or to a movie
     #[command(after_help = examples::RENDER)]
     Render(Box<render_args::RenderArguments>),
@@ -136,7 +136,9 @@ fn main() -> ExitCode {
         Ok(false) => {}
         Err(failure) => return failed(&failure),
     }
-    let arguments = Arguments::parse();
+    let matches = Arguments::command().get_matches();
+    let arguments = Arguments::from_arg_matches(&matches);
+    let arguments = arguments.unwrap_or_else(|error| error.format(&mut Arguments::command()).exit());
     if arguments.quiet {
         say::be_quiet();
     }
@@ -144,7 +146,7 @@ fn main() -> ExitCode {
     if let Err(error) = fail_past_file_limit() {
         tracing::warn!("a file past the limit of file sizes ends the process: {error}");
     }
-    match run(arguments.command) {
+    match run(arguments.command, &matches) {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => failed(&failure),
     }
@@ -162,11 +164,12 @@ fn fail_past_file_limit() -> std::io::Result<()> {
     signal_hook::flag::register(signal_hook::consts::SIGXFSZ, Arc::<AtomicBool>::default()).map(drop)
 }
 
-/// Runs a subcommand.
+/// Runs a subcommand; `matches` are those of the whole command line.
 ///
 /// # Errors
 /// With the message and exit code for the user.
-fn run(command: Command) -> Result<(), Failure> {
+#[cfg_attr(not(feature = "viewer"), expect(unused_variables, reason = "only `view` looks at them"))]
+fn run(command: Command, matches: &ArgMatches) -> Result<(), Failure> {
     match command {
         Command::Pack(arguments) => pack::run(*arguments),
         Command::Append(arguments) => append::run(*arguments),
@@ -175,7 +178,7 @@ fn run(command: Command) -> Result<(), Failure> {
         Command::Verify(arguments) => verify::run(&arguments),
         Command::Export(arguments) => export::run(&arguments),
         #[cfg(feature = "viewer")]
-        Command::View(arguments) => view::run(*arguments),
+        Command::View(arguments) => view::run(*arguments, matches.subcommand_matches("view")),
         Command::Render(arguments) => render::run(*arguments),
         Command::Synth(arguments) => synth::run(arguments),
         Command::Bench(arguments) => bench::run(&arguments),

@@ -1,10 +1,8 @@
 //! `brickyard man`: manual pages, one for the command and one for each of its subcommands.
 
-use super::Arguments;
-use super::failure::Failure;
-use super::heading;
 use super::output::{make_folder, may_write};
 use super::say::say;
+use super::{Arguments, Failure, heading};
 use brickyard::text_file::write_text;
 use brickyard::volume::counted;
 use clap::{Args, Command, CommandFactory};
@@ -21,11 +19,6 @@ pub(crate) struct ManArguments {
     overwrite: bool,
 }
 
-struct Page {
-    name: String,
-    roff: String,
-}
-
 /// Runs `man`.
 ///
 /// # Errors
@@ -34,16 +27,17 @@ struct Page {
 pub(crate) fn run(arguments: &ManArguments) -> Result<(), Failure> {
     let folder = &arguments.folder;
     let pages = pages(Arguments::command())?;
-    pages.iter().try_for_each(|page| may_write(&folder.join(&page.name), arguments.overwrite))?;
+    pages.iter().try_for_each(|(name, _)| may_write(&folder.join(name), arguments.overwrite))?;
     make_folder(folder)?;
-    for page in &pages {
-        write_text(&folder.join(&page.name), &page.roff).map_err(Failure::failed)?;
+    for (name, roff) in &pages {
+        write_text(&folder.join(name), roff).map_err(Failure::failed)?;
     }
     say!("{}: {}", folder.display(), counted(pages.len() as u64, "page"));
     Ok(())
 }
 
-fn pages(command: Command) -> Result<Vec<Page>, Failure> {
+/// The names of the pages, each with its text as roff.
+fn pages(command: Command) -> Result<Vec<(String, String)>, Failure> {
     let mut command = command.disable_help_subcommand(true);
     // Gives the subcommands the common flags, and the names of their pages.
     command.build();
@@ -51,7 +45,7 @@ fn pages(command: Command) -> Result<Vec<Page>, Failure> {
     let page = |command: Command| {
         let (page, mut roff) = (Man::new(command), Vec::new());
         page.render(&mut roff).map_err(Failure::failed)?;
-        Ok(Page { name: page.get_filename(), roff: String::from_utf8(roff).map_err(Failure::failed)? })
+        Ok((page.get_filename(), String::from_utf8(roff).map_err(Failure::failed)?))
     };
     std::iter::once(command).chain(subcommands).map(page).collect()
 }
@@ -61,8 +55,8 @@ mod tests {
     use super::*;
 
     /// Returns a page's text without the backslashes against breaks at hyphens.
-    fn text(page: &Page) -> String {
-        page.roff.replace('\\', "")
+    fn text((_, roff): &(String, String)) -> String {
+        roff.replace('\\', "")
     }
 
     #[test]
@@ -70,15 +64,15 @@ mod tests {
         let mut command = Arguments::command();
         command.build();
         let pages = pages(Arguments::command()).unwrap();
-        assert_eq!(pages[0].name, "brickyard.1");
+        assert_eq!(pages[0].0, "brickyard.1");
         for command in command.get_subcommands().filter(|command| command.get_name() != "help") {
-            let page = pages.iter().find(|page| page.name == format!("brickyard-{}.1", command.get_name())).unwrap();
+            let page = pages.iter().find(|(name, _)| *name == format!("brickyard-{}.1", command.get_name())).unwrap();
             let text = text(page);
             let shown = command.get_arguments().filter(|flag| !flag.is_hide_set());
             for flag in shown.filter_map(clap::Arg::get_long) {
-                assert!(text.contains(&format!("--{flag}")), "{}: --{flag}", page.name);
+                assert!(text.contains(&format!("--{flag}")), "{}: --{flag}", page.0);
             }
-            assert!(self::text(&pages[0]).contains(page.name.trim_end_matches(".1")), "{}", page.name);
+            assert!(self::text(&pages[0]).contains(page.0.trim_end_matches(".1")), "{}", page.0);
         }
     }
 

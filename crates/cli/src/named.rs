@@ -8,6 +8,13 @@ use std::ffi::OsStr;
 #[derive(Clone, Copy)]
 pub(crate) struct Named<T: 'static>(pub(crate) &'static [(&'static str, T, &'static str)]);
 
+impl<T: PartialEq> Named<T> {
+    /// The name of a value; empty for one without.
+    pub(crate) fn name(&self, value: &T) -> &'static str {
+        self.0.iter().find(|(_, known, _)| known == value).map_or("", |(name, ..)| *name)
+    }
+}
+
 impl<T: Copy + Send + Sync + 'static> TypedValueParser for Named<T> {
     type Value = T;
 

@@ -1,8 +1,7 @@
 //! Output files: never overwritten by default, and refused before the work, not after it; and notes on a picture.
 
-use super::failure::Failure;
-use super::print_json;
 use super::say::{self, say};
+use super::{Failure, print_json};
 use brickyard::stats::RenderStats;
 use brickyard::store::{Store, check_outside};
 use brickyard::text_file::write_text;

@@ -1,9 +1,8 @@
 //! `brickyard pack`: foreign files into a brick store.
 
-use super::failure::Failure;
 use super::input_args::InputArguments;
 use super::pack_settings::PackSettings;
-use super::store_errors;
+use super::{Failure, store_errors};
 use brickyard::import::{self, OpenOptions};
 use clap::Args;
 use std::path::PathBuf;
@@ -29,7 +28,7 @@ pub(crate) fn run(mut arguments: PackArguments) -> Result<(), Failure> {
     let store = arguments.paths.pop().filter(|_| !arguments.paths.is_empty());
     let store =
         store.ok_or_else(|| Failure::usage("expected at least one input and the store to make: INPUT... STORE"))?;
-    let options = OpenOptions { are_labels: arguments.settings.are_labels(), ..arguments.input.options() };
+    let options = OpenOptions { are_labels: arguments.settings.store.are_labels(), ..arguments.input.options() };
     let source = import::open(&arguments.paths, &options).map_err(|error| store_errors::import_failure(&error))?;
     arguments.settings.pack(&*source, &store)
 }

@@ -2,17 +2,16 @@
 
 use super::advice::with_flags;
 use super::failure::{ExitKind, Failure};
-use super::heading;
 use super::interrupt::Interrupt;
 use super::named::Named;
 use super::progress::{Progress, ProgressStyleArgument};
 use super::say::say;
-use super::{store_errors, values};
-use brickyard::import::Source;
+use super::{heading, store_errors, values};
+use brickyard::import::{Source, SourceInfo};
 use brickyard::store::{
     self, AppendOptions, Codec, Downsample, Exists, Kind, PackError, PackOptions, PackPlan, Reductions, Store,
 };
-use brickyard::volume::{MAX_APRON, VoxelType, counted};
+use brickyard::volume::{Extent, MAX_APRON, VoxelType, counted};
 use clap::Args;
 use std::num::NonZeroUsize;
 use std::path::Path;
@@ -75,19 +74,19 @@ impl PackingLimits {
 #[derive(Args, Clone, Debug)]
 pub(crate) struct PackSettings {
     #[command(flatten)]
-    store: StoreSettings,
+    pub(crate) store: StoreSettings,
     /// Time steps in a shard file, at most all: for a series of many small steps, fewer files, and equal bricks in
     /// several steps of a file are stored once
     #[arg(help_heading = heading::STORE, long, value_name = "STEPS", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
     shard_time: u32,
     #[command(flatten)]
-    limits: PackingLimits,
+    pub(crate) limits: PackingLimits,
     /// Continue an interrupted pack of the same input and settings
     #[arg(help_heading = heading::WORK, long, conflicts_with = "overwrite")]
     resume: bool,
     /// Replace an existing output
     #[arg(help_heading = heading::WORK, long)]
-    overwrite: bool,
+    pub(crate) overwrite: bool,
 }
 
 pub(crate) const KINDS: Named<Kind> = Named(&[("image", Kind::Image, ""), ("labels", Kind::Labels, "")]);
@@ -133,43 +132,26 @@ impl StoreSettings {
     pub(crate) fn check(&self, store: &Store) -> Result<(), Failure> {
         let info = store.info();
         let codec = self.codec.map(|codec| codec.for_voxel_type(info.voxel_type));
-        let in_words = |kind: Kind| if kind == Kind::Labels { "labels" } else { "image" };
         let flags = [
-            ("--kind", self.kind.map(|kind| in_words(kind).to_owned()), in_words(info.kind).to_owned()),
+            ("--kind", self.kind.map(|kind| KINDS.name(&kind).to_owned()), KINDS.name(&info.kind).to_owned()),
             ("--brick", self.brick.map(|edge| edge.to_string()), info.edge.to_string()),
             ("--shard", self.shard.map(|edge| edge.to_string()), info.shard.to_string()),
             ("--codec", codec.map(|codec| codec.to_string()), info.codec.to_string()),
             ("--downsample", self.downsample.map(|methods| methods.to_string()), info.downsample.to_string()),
             ("--aprons", self.aprons.map(|width| width.to_string()), info.aprons.to_string()),
         ];
-        match flags
-            .into_iter()
-            .find_map(|(flag, given, found)| Some((flag, given.filter(|given| *given != found)?, found)))
-        {
-            Some((flag, given, found)) => Err(Failure::usage(format!(
-                "{flag} {given}: {} was packed with {found}, which cannot change; leave {flag} out",
-                store.path().display()
-            ))),
-            None => Ok(()),
+        for (flag, given, found) in flags {
+            if let Some(given) = given.filter(|given| *given != found) {
+                let store = store.path().display();
+                let problem = format!("{store} was packed with {found}, which cannot change; leave {flag} out");
+                return Err(Failure::usage(format!("{flag} {given}: {problem}")));
+            }
         }
+        Ok(())
     }
 }
 
 impl PackSettings {
-    /// Whether an existing output may be replaced.
-    pub(crate) fn overwrite(&self) -> bool {
-        self.overwrite
-    }
-
-    /// Whether the flags declare the voxels as labels.
-    pub(crate) fn are_labels(&self) -> bool {
-        self.store.are_labels()
-    }
-
-    pub(crate) fn progress(&self) -> ProgressStyleArgument {
-        self.limits.progress
-    }
-
     /// Returns the options of a new store of voxels of this type.
     ///
     /// # Errors
@@ -191,14 +173,9 @@ impl PackSettings {
     pub(crate) fn pack(&self, source: &dyn Source, path: &Path) -> Result<(), Failure> {
         let info = source.info();
         let options = self.options(info.voxel_type)?;
-        if !info.calibrated {
-            say!("note: the input gives no voxel size: the store is uncalibrated; set one with --spacing and --unit");
-        }
-        let style = self.progress();
-        let progress = Progress::new(style, "pack");
-        let interrupt = Interrupt::watch()?;
-        let shard_times = options.shard_times;
-        let watcher = Watcher { source, shard_times, style, progress, aprons: OnceLock::new(), interrupt };
+        note_uncalibrated(info);
+        let watcher =
+            Watcher::new(info, ("pack", self.limits.progress), Some(options.shard_times), Interrupt::watch()?);
         let started = Instant::now();
         let packed = store::pack(source, path, &options, &watcher);
         watcher.finish();
@@ -218,29 +195,19 @@ impl PackSettings {
         if let Some(nodata) = info.nodata.filter(|_| report.nodata > 0) {
             say!("note: {} of {nodata}, no data: not drawn and not counted", counted(report.nodata, "voxel"));
         }
-        if report.non_finite > 0 {
-            let voxels = counted(report.non_finite, "voxel");
-            say!("note: {voxels} without a number (no data, NaN or infinite): not drawn and not counted");
-        }
+        note_non_finite(report.non_finite);
         Ok(())
     }
-}
 
-impl PackSettings {
     fn failure(&self, error: PackError, store: &Path) -> Failure {
         let PackError::Cancelled { done, total, .. } = error else { return store_errors::pack_failure(error) };
         let cure = match self.overwrite {
             true => "the same command with --resume instead of --overwrite goes on; with --overwrite it starts over",
             false => "the same command with --resume goes on; with --overwrite it starts over",
         };
-        Failure::new(
-            ExitKind::Interrupted,
-            format!(
-                "{}: stopped; {done} of {} are complete and kept: {cure}",
-                store.display(),
-                counted(total, "shard")
-            ),
-        )
+        let (store, shards) = (store.display(), counted(total, "shard"));
+        let problem = format!("{store}: stopped; {done} of {shards} are complete and kept: {cure}");
+        Failure::new(ExitKind::Interrupted, problem)
     }
 }
 
@@ -250,20 +217,45 @@ fn input_bytes(source: &dyn Source) -> u64 {
     volumes * info.extent.volume() * info.voxel_type.bytes() as u64
 }
 
-/// Shows a pack's plan, remarks and progress.
-struct Watcher<'a> {
-    source: &'a dyn Source,
-    /// Number of time steps in a shard.
-    shard_times: u32,
+/// Prints a note if a source gives no voxel size.
+pub(crate) fn note_uncalibrated(info: &SourceInfo) {
+    if !info.calibrated {
+        say!("note: the input gives no voxel size: the store is uncalibrated; set one with --spacing and --unit");
+    }
+}
+
+/// Prints a note on this many voxels without a number, if there are any.
+pub(crate) fn note_non_finite(voxels: u64) {
+    if voxels > 0 {
+        let voxels = counted(voxels, "voxel");
+        say!("note: {voxels} without a number (no data, NaN or infinite): not drawn and not counted");
+    }
+}
+
+/// Shows the remarks and the progress of a pack or an append, and a pack's plan.
+pub(crate) struct Watcher<'a> {
+    info: &'a SourceInfo,
     style: ProgressStyleArgument,
     progress: Progress,
+    /// Number of time steps in a pack's shard; `None` for an append, which shows no plan and no aprons.
+    shard_times: Option<u32>,
     /// Set once aprons are made.
     aprons: OnceLock<Progress>,
     interrupt: Interrupt,
 }
 
-impl Watcher<'_> {
-    fn finish(&self) {
+impl<'a> Watcher<'a> {
+    /// `what` names the work in a word.
+    pub(crate) fn new(
+        info: &'a SourceInfo,
+        (what, style): (&'static str, ProgressStyleArgument),
+        shard_times: Option<u32>,
+        interrupt: Interrupt,
+    ) -> Self {
+        Self { info, style, progress: Progress::new(style, what), shard_times, aprons: OnceLock::new(), interrupt }
+    }
+
+    pub(crate) fn finish(&self) {
         self.progress.finish();
         self.aprons.get().inspect(|aprons| aprons.finish());
     }
@@ -289,21 +281,18 @@ fn of_small_shards(plan: &PackPlan, shard_times: u32) -> Option<String> {
 
 impl store::Progress for Watcher<'_> {
     fn planned(&self, plan: &PackPlan) {
-        let info = self.source.info();
-        let extent = info.extent;
+        let (info, Some(shard_times)) = (self.info, self.shard_times) else { return };
+        let Extent { x, y, z } = info.extent;
+        let (steps, channels) = (counted(info.times.into(), "step"), counted(info.channels.into(), "channel"));
+        let scratch_bytes = plan.scratch_bytes.saturating_add(plan.input_scratch_bytes);
+        let [memory, scratch, output] =
+            [plan.memory_bytes, scratch_bytes, plan.output_bytes_at_most].map(values::human_bytes);
         say!(
-            "packing {} x {} x {} {} voxels, {}, {}: at most {} of memory, {} of scratch, {} of output",
-            extent.x,
-            extent.y,
-            extent.z,
-            info.voxel_type,
-            counted(info.times.into(), "step"),
-            counted(info.channels.into(), "channel"),
-            values::human_bytes(plan.memory_bytes),
-            values::human_bytes(plan.scratch_bytes.saturating_add(plan.input_scratch_bytes)),
-            values::human_bytes(plan.output_bytes_at_most),
+            "packing {x} x {y} x {z} {} voxels, {steps}, {channels}: at most {memory} of memory, {scratch} of scratch, \
+             {output} of output",
+            info.voxel_type
         );
-        if let Some(hint) = of_small_shards(plan, self.shard_times) {
+        if let Some(hint) = of_small_shards(plan, shard_times) {
             say!("note: {hint}");
         }
     }
@@ -317,7 +306,7 @@ impl store::Progress for Watcher<'_> {
     }
 
     fn advanced(&self, done: u64, total: u64) {
-        let bytes = self.source.info().voxel_type.bytes() as u64;
+        let bytes = self.info.voxel_type.bytes() as u64;
         self.progress.set(done * bytes, total * bytes);
     }
 
@@ -326,7 +315,9 @@ impl store::Progress for Watcher<'_> {
             self.progress.finish();
             Progress::new(self.style, "aprons")
         };
-        self.aprons.get_or_init(start).set(done, total);
+        if self.shard_times.is_some() {
+            self.aprons.get_or_init(start).set(done, total);
+        }
     }
 
     fn is_cancelled(&self) -> bool {

@@ -1,12 +1,10 @@
 //! `brickyard probe`: the values of all channels at one place, at one time step or over several.
 
-use super::failure::Failure;
-use super::heading;
 use super::output::may_write_file;
 use super::say::say;
 use super::step_range::StepRange;
 use super::values::{self, short};
-use super::{print_json, print_line, store_errors};
+use super::{Failure, heading, print_json, print_line, store_errors};
 use brickyard::curve::{Curve, curve};
 use brickyard::probe::{Probe, probe, probe_voxel};
 use brickyard::session::VolumeSource;

@@ -1,15 +1,13 @@
 //! `brickyard quality`: the quality and speed of sampling methods, measured on a store.
 
 use super::advice::advised;
-use super::failure::Failure;
-use super::heading;
 use super::output::{make_folder, write_json};
 use super::sampling_args::{FILTERS, LIGHTINGS, METHODS};
 use super::scene_args::SceneArguments;
 use super::session_args::threads;
 use super::session_errors::session_failure;
-use super::{print_json, print_line, store_errors, values};
-use brickyard::backend::{BackendChoice, CompositorChoice};
+use super::{Failure, heading, print_json, print_line, store_errors, values};
+use brickyard::backend::BackendChoice;
 use brickyard::offline::OfflineError;
 use brickyard::picture_file::write_png;
 use brickyard::session::{SessionOptions, VolumeSource};
@@ -179,14 +177,11 @@ impl QualityArguments {
     fn session_options(&self) -> SessionOptions {
         SessionOptions {
             backend: BackendChoice::Cpu,
-            compositor: CompositorChoice::Auto,
             gpu_memory_bytes: self.gpu_memory,
             cpu_memory_bytes: self.gpu_memory,
             host_memory_bytes: self.host_memory,
             threads: threads(self.threads),
-            skips_empty: true,
-            keeps_decoded: true,
-            live: false,
+            ..SessionOptions::default()
         }
     }
 }
@@ -208,37 +203,13 @@ fn print_row(is_first: bool, row: &Row) -> Result<(), Failure> {
              noticed | frame ms | processor ms |\n| --- | --- | --- | --- | --- | --- | --- | --- | --- |",
         )?;
     }
+    let Row { samples_per_voxel, rgb_db, ycbcr_db, hsl_db, truth_db, frame_ms, cpu_ms, .. } = row;
+    let (filter, lighting, method) = (FILTERS.name(&row.filter), LIGHTINGS.name(&row.lighting), way_name(row));
     print_line(&format!(
-        "| {} | {} | {} | {} | {:.1} / {:.1} / {:.1} | {:.1} | {:.1} % | {:.0} | {:.0} |",
-        filter_name(row.filter),
-        lighting_name(row.lighting),
-        way_name(row),
-        row.samples_per_voxel,
-        row.rgb_db,
-        row.ycbcr_db,
-        row.hsl_db,
-        row.truth_db,
+        "| {filter} | {lighting} | {method} | {samples_per_voxel} | {rgb_db:.1} / {ycbcr_db:.1} / {hsl_db:.1} | \
+         {truth_db:.1} | {:.1} % | {frame_ms:.0} | {cpu_ms:.0} |",
         100.0 * row.noticed,
-        row.frame_ms,
-        row.cpu_ms,
     ))
-}
-
-fn filter_name(filter: Filter) -> &'static str {
-    match filter {
-        Filter::Nearest => "nearest",
-        Filter::Trilinear => "trilinear",
-        Filter::Tricubic => "tricubic",
-    }
-}
-
-fn lighting_name(lighting: LightingModel) -> &'static str {
-    match lighting {
-        LightingModel::None => "none",
-        LightingModel::Phong => "phong",
-        LightingModel::BlinnPhong => "blinn-phong",
-        LightingModel::Tone => "tone",
-    }
 }
 
 /// Returns the method, with its number of virtual samples unless it is the usual one.
@@ -254,7 +225,7 @@ fn way_name(row: &Row) -> String {
 fn write_map(folder: &Path, row: &Row, series: &Series) -> Result<(), Failure> {
     let colors = TransferFunction::preset("viridis", (10.0, 50.0), 1.0).map_err(Failure::failed)?;
     let map = series.map(|db| colors.rgb(db.min(1e3)));
-    let (filter, lighting, method) = (filter_name(row.filter), lighting_name(row.lighting), way_name(row));
+    let (filter, lighting, method) = (FILTERS.name(&row.filter), LIGHTINGS.name(&row.lighting), way_name(row));
     let file = format!("psnr-{filter}-{lighting}-{method}-{}.png", row.samples_per_voxel);
     let notes = [
         ("Software", format!("brickyard {}", env!("CARGO_PKG_VERSION"))),

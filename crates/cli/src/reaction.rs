@@ -2,8 +2,8 @@
 //! model of Gray and Scott (J. E. Pearson, *Complex patterns in a simple system*, Science 261, 1993), on a periodic
 //! grid. Costs 16 bytes a voxel, and about 2 ns of processor time for each voxel and round.
 
-use brickyard::import::{ImportError, Lent, Source, SourceInfo, uniform};
-use brickyard::volume::{Extent, Geometry, VoxelBox, VoxelType};
+use brickyard::import::{ImportError, Lent, Source, SourceInfo, SynthKind, SynthSource, uniform};
+use brickyard::volume::{Extent, VoxelBox, VoxelType};
 use std::num::NonZeroUsize;
 
 /// Rounds of the simulation from one time step to the next.
@@ -87,22 +87,10 @@ impl Reaction {
             VoxelType::F32 => self.now[1].iter().flat_map(|share| share.to_le_bytes()).collect(),
             _ => return None,
         };
-        let info = SourceInfo {
-            extent: self.extent,
-            channels: 1,
-            times: 1,
-            time: None,
-            voxel_type,
-            geometry: Geometry::default(),
-            calibrated: true,
-            says_origin: false,
-            orientation: None,
-            channel_looks: Vec::new(),
-            nodata: None,
-            knows_nodata: false,
-            identity: format!("synth reaction {} {voxel_type} seed {} step {}", self.extent, self.seed, self.step),
-            notes: Vec::new(),
-        };
+        let identity = format!("synth reaction {} {voxel_type} seed {} step {}", self.extent, self.seed, self.step);
+        // But for its name, like any volume that is made.
+        let alike = SynthSource::new(SynthKind::Constant, self.extent, voxel_type, 1, self.seed).ok()?;
+        let info = SourceInfo { identity, ..alike.info().clone() };
         Some(ReactionStep { info, voxels })
     }
 }

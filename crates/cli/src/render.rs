@@ -3,13 +3,12 @@
 use super::advice::advised;
 use super::destination::Destination;
 use super::failure::{ExitKind, Failure};
-use super::output::{damage, note_window, report};
-use super::remarks;
+use super::output::{damage, note_window, report, write_json};
 use super::render_args::RenderArguments;
 use super::say::say;
 use super::session_errors::{offline_failure, oracle_failure, session_failure};
-use super::store_errors;
 use super::views::Views;
+use super::{remarks, store_errors};
 use brickyard::backend::{BackendChoice, BackendError, CompositorChoice};
 use brickyard::doubtful_extremes::DoubtfulExtremes;
 use brickyard::exact::{ExactPictureError, ExactRenderer};
@@ -71,7 +70,7 @@ pub(crate) fn run(arguments: RenderArguments) -> Result<(), Failure> {
         stats: RenderStats::default(),
         has_told_of_extremes: Cell::new(false),
     };
-    match arguments.compositor() {
+    match arguments.compositor {
         None if arguments.exact => {
             return Err(Failure::usage("the reference compositor is always exact: leave --exact out"));
         }
@@ -81,7 +80,7 @@ pub(crate) fn run(arguments: RenderArguments) -> Result<(), Failure> {
     }
     let Pictures { destination, stats, .. } = pictures;
     destination.finish()?;
-    arguments.write_stats(&stats)?;
+    arguments.stats.as_ref().map_or(Ok(()), |path| write_json(path, &stats))?;
     match damage(&stats).filter(|_| arguments.strict) {
         // The bricks are reported already.
         Some(_) => {
@@ -177,7 +176,7 @@ impl Pictures<'_> {
     /// Creates a session for the first view, and prints its backend.
     fn session(&mut self, options: SessionOptions) -> Result<Session, Failure> {
         let mut session = Session::new(self.volumes.clone(), options);
-        let first = session.resolve(&self.views.first()?, self.arguments.size).map_err(session_failure)?;
+        let first = session.resolve(&self.views.scene(0)?, self.arguments.size).map_err(session_failure)?;
         session.fit(&first).map_err(session_failure)?;
         let stats = &mut self.stats;
         stats.describe(&session);
@@ -191,9 +190,8 @@ impl Pictures<'_> {
 
     /// Draws in passes if one volume is drawn by a GPU and the flags permit; otherwise in tiles.
     fn exact(&mut self, compositor: CompositorChoice) -> Result<(), Failure> {
-        let first = self.views.first()?;
         let options = self.arguments.session_options(compositor, self.views.count());
-        let first = self.resolve(&first)?;
+        let first = self.resolve(&self.views.scene(0)?)?;
         let takes_passes = matches!(compositor, CompositorChoice::Auto | CompositorChoice::Sorted);
         if !first.is_alone() || options.backend == BackendChoice::Cpu || !takes_passes {
             return self.in_tiles(options);
@@ -255,7 +253,7 @@ impl Pictures<'_> {
             let resolved = run.resolve(scene)?;
             let stores: Vec<&Store> = run.stores.iter().map(|store| &**store).collect();
             let begun = Instant::now();
-            let (memory, max_wait) = (run.arguments.host_memory, run.arguments.max_wait());
+            let (memory, max_wait) = (run.arguments.limits.host_memory, run.arguments.max_wait());
             let picture = render_reference_within(&stores, &resolved, memory, max_wait).map_err(oracle_failure)?;
             frame_ms.push(ms(begun));
             stats.frames += 1;

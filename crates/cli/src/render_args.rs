@@ -1,20 +1,16 @@
 //! The flags of `render`, and the settings derived from them.
 
-use super::failure::Failure;
-use super::heading;
-use super::output::write_json;
+use super::named::Named;
 use super::sampling_args::SamplingArguments;
 use super::scene_args::SceneArguments;
-use super::session_args::{BACKENDS, backend_memory, threads};
-use super::values;
+use super::session_args::{BACKENDS, SessionLimits};
+use super::{heading, values};
 use brickyard::backend::{BackendChoice, CompositorChoice};
 use brickyard::movie_file::PictureRate;
 use brickyard::overlay::Overlays;
 use brickyard::session::SessionOptions;
-use brickyard::stats::RenderStats;
 use brickyard::volume::PixelSamples;
-use clap::{Args, ValueEnum};
-use std::num::NonZeroUsize;
+use clap::Args;
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -61,22 +57,14 @@ pub(crate) struct RenderArguments {
     pub(super) backend: BackendChoice,
     /// How to render: sorted composites bricks back to front (GPU only), raycast follows each ray front to back,
     /// compute does so in compute shaders (GPU only); auto is raycast; reference holds whole levels in memory, in f64
-    #[arg(help_heading = heading::DRAWING, long, value_enum, default_value_t = CompositorArgument::Auto)]
-    pub(super) compositor: CompositorArgument,
+    #[arg(help_heading = heading::DRAWING, long, value_parser = PICTURE_COMPOSITORS, default_value = "auto")]
+    pub(super) compositor: PictureCompositor,
     /// Draw every brick wanted by the view, however few fit at once: one volume in passes on a GPU (a software one will
     /// do), if the compositor is sorted or auto; else in tiles
     #[arg(help_heading = heading::DRAWING, long)]
     pub(super) exact: bool,
-    /// Hard limit of brick slots, tables, targets and staging, wherever they are [default: 1GiB of a GPU's memory, or a
-    /// quarter of the machine's if the CPU draws]
-    #[arg(help_heading = heading::DRAWING, long, visible_alias = "cpu-memory", value_name = "BYTES", value_parser = values::bytes)]
-    pub(super) gpu_memory: Option<u64>,
-    /// Hard limit of decoded bricks and scratch
-    #[arg(help_heading = heading::DRAWING, long, value_name = "BYTES", default_value = "2GiB", value_parser = values::bytes)]
-    pub(super) host_memory: u64,
-    /// Threads for decoding and for the CPU backend [default: all]
-    #[arg(help_heading = heading::DRAWING, short = 'j', long, value_parser = values::threads)]
-    pub(super) threads: Option<NonZeroUsize>,
+    #[command(flatten)]
+    pub(super) limits: SessionLimits,
     /// Give up on a picture not settled or not drawn after S seconds
     #[arg(help_heading = heading::DRAWING, long, value_name = "S", default_value = "600", value_parser = values::positive)]
     pub(super) max_wait: f64,
@@ -106,49 +94,25 @@ pub(crate) struct RenderArguments {
     pub(super) overwrite: bool,
 }
 
-#[derive(Clone, Copy, PartialEq, ValueEnum)]
-pub(super) enum CompositorArgument {
-    Auto,
-    Sorted,
-    Raycast,
-    Compute,
-    Reference,
-}
+/// A compositor; `None` is the reference.
+type PictureCompositor = Option<CompositorChoice>;
+
+const PICTURE_COMPOSITORS: Named<PictureCompositor> = Named(&[
+    ("auto", Some(CompositorChoice::Auto), ""),
+    ("sorted", Some(CompositorChoice::Sorted), ""),
+    ("raycast", Some(CompositorChoice::Raycast), ""),
+    ("compute", Some(CompositorChoice::Compute), ""),
+    ("reference", None, ""),
+]);
 
 impl RenderArguments {
-    /// `None` is the reference.
-    pub(super) fn compositor(&self) -> Option<CompositorChoice> {
-        match self.compositor {
-            CompositorArgument::Auto => Some(CompositorChoice::Auto),
-            CompositorArgument::Sorted => Some(CompositorChoice::Sorted),
-            CompositorArgument::Raycast => Some(CompositorChoice::Raycast),
-            CompositorArgument::Compute => Some(CompositorChoice::Compute),
-            CompositorArgument::Reference => None,
-        }
-    }
-
     pub(super) fn overlays(&self) -> Overlays {
         let Self { scale_bar, color_bar, axes, .. } = *self;
         Overlays { scale_bar, color_bar, axes, label: self.label.clone() }
     }
 
     pub(super) fn session_options(&self, compositor: CompositorChoice, pictures: usize) -> SessionOptions {
-        let (gpu_memory_bytes, cpu_memory_bytes) = backend_memory(self.gpu_memory);
-        SessionOptions {
-            backend: self.backend,
-            compositor,
-            gpu_memory_bytes,
-            cpu_memory_bytes,
-            host_memory_bytes: self.host_memory,
-            threads: threads(self.threads),
-            skips_empty: true,
-            keeps_decoded: pictures > 1,
-            live: false,
-        }
-    }
-
-    pub(super) fn write_stats(&self, stats: &RenderStats) -> Result<(), Failure> {
-        self.stats.as_ref().map_or(Ok(()), |path| write_json(path, stats))
+        SessionOptions { backend: self.backend, compositor, keeps_decoded: pictures > 1, ..self.limits.options() }
     }
 
     pub(super) fn max_wait(&self) -> Duration {

@@ -1,8 +1,7 @@
 //! The flags for sampling. `quality` has none of them: it compares sampling methods itself.
 
-use super::heading;
 use super::named::Named;
-use super::values;
+use super::{heading, values};
 use brickyard::volume::{Filter, Jitter, LevelPolicy, LightingModel, Method, Scene};
 use clap::Args;
 

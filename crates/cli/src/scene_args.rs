@@ -1,14 +1,13 @@
 //! The flags that describe a picture, except its sampling, shared by every command that shows something.
 
 use super::channel_args::{ChannelArguments, layers_of_kind};
-use super::failure::Failure;
-use super::heading;
 use super::named::Named;
 use super::say::say;
 use super::slice_argument::{self, SliceArgument};
 use super::step_range::StepRange;
 use super::values::{self, GradientOpacity};
 use super::volume_args::{VolumeKey, VolumeSetting, set_transfer, transfer_choice, volume_setting};
+use super::{Failure, heading};
 use brickyard::first_look::set_first_look;
 use brickyard::scene_file::{self, SceneFile};
 use brickyard::session::VolumeSource;
@@ -89,7 +88,7 @@ pub(crate) struct SceneArguments {
     background: Option<[f64; 3]>,
     /// Time step N; in `render` also several, a picture each: A:B, A:B:S (B excluded) or all [default: 0]
     #[arg(help_heading = heading::PART, long, value_name = "N|A:B[:S]|all", allow_negative_numbers = true)]
-    time: Option<StepRange>,
+    pub(crate) time: Option<StepRange>,
     #[command(flatten)]
     channels: ChannelArguments,
     /// Show only this box, world units
@@ -205,10 +204,6 @@ impl SceneArguments {
         }
     }
 
-    pub(crate) fn steps_asked(&self) -> Option<&StepRange> {
-        self.time.as_ref()
-    }
-
     /// Returns the time steps of the pictures: the flags', else the scene's own.
     ///
     /// # Errors
@@ -298,8 +293,7 @@ impl SceneArguments {
 
     fn stereo(&self, from_file: Option<Stereo>) -> Result<Option<Stereo>, Failure> {
         let moved = [("eye_separation", &self.eye_separation), ("convergence", &self.convergence)];
-        let named = |layout: &StereoLayout| STEREO_LAYOUTS.0.iter().find(|(_, value, _)| value == layout);
-        let layout = self.stereo.as_ref().and_then(named).map_or("side-by-side", |(name, ..)| name);
+        let layout = STEREO_LAYOUTS.name(&self.stereo.unwrap_or(StereoLayout::SideBySide));
         if let Some((field, value)) = moved.into_iter().find_map(|(field, value)| Some((field, value.as_ref()?))) {
             let flag = field.replace('_', "-");
             let line = format!(r#"{{"stereo": {{"layout": "{layout}", "{field}": {value}}}}}"#);

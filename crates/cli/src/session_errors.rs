@@ -1,8 +1,7 @@
 //! Exit codes and advice for errors of sessions and pictures.
 
 use super::advice::advised;
-use super::failure::Failure;
-use super::store_errors;
+use super::{Failure, store_errors};
 use brickyard::backend::BackendError;
 use brickyard::offline::OfflineError;
 use brickyard::oracle::OracleError;

@@ -1,8 +1,7 @@
 //! `--slice`: planes by name in the world, in a patient, or along a volume's own axes; and the refusal of a patient's
 //! sides without one. The meaning of a name depends on the volumes, so it is resolved once they are open.
 
-use super::failure::Failure;
-use super::values;
+use super::{Failure, values};
 use brickyard::session::VolumeSource;
 use brickyard::volume::{ClipPlane, Placement, Scene, Slice, Viewpoint, near_name};
 use glam::DVec3;

@@ -1,6 +1,6 @@
 //! Time steps on the command line: one, some or all of them.
 
-use super::failure::Failure;
+use super::Failure;
 use brickyard::volume::counted;
 use std::str::FromStr;
 

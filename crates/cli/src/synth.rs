@@ -1,20 +1,18 @@
 //! `brickyard synth`: synthetic volumes, as a raw file or straight into a store; and a simulation that appends its
 //! steps to a store as it runs.
 
-use super::failure::Failure;
-use super::heading;
 use super::output::may_write;
 use super::pack_settings::PackSettings;
 use super::progress::Progress;
-use super::reaction::{Reaction, ReactionStep};
+use super::reaction::Reaction;
 use super::values::human_bytes;
-use super::{store_errors, values};
+use super::{Failure, heading, store_errors, values};
 use brickyard::import::{Source, SynthKind, SynthSource, write_raw};
-use brickyard::store::{Appender, PackOptions};
+use brickyard::store::Appender;
 use brickyard::volume::{Extent, VoxelType};
 use clap::Args;
 use std::num::NonZeroUsize;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::str::FromStr;
 
 /// `brickyard synth KIND --shape X,Y,Z OUT`
@@ -67,11 +65,8 @@ impl FromStr for Generator {
 /// # Errors
 /// With the message and exit code for the user.
 pub(crate) fn run(arguments: SynthArguments) -> Result<(), Failure> {
-    let SynthArguments { generator, output, shape, dtype, steps, seed, settings } = arguments;
-    let kind = match generator {
-        Generator::Formula(kind) => kind,
-        Generator::Reaction => return simulate(&output, (shape, seed), (dtype, steps), &settings),
-    };
+    let Generator::Formula(kind) = arguments.generator else { return simulate(&arguments) };
+    let SynthArguments { output, shape, dtype, steps, seed, settings, .. } = arguments;
     let source = SynthSource::new(kind, shape, dtype, steps, seed).map_err(Failure::usage)?;
     if output.extension().is_some_and(|e| e == "zarr") {
         return settings.pack(&source, &output);
@@ -79,20 +74,16 @@ pub(crate) fn run(arguments: SynthArguments) -> Result<(), Failure> {
     if output.extension().is_none_or(|e| e != "raw") {
         return Err(Failure::usage(format!("{}: expected a name ending in .raw or .zarr", output.display())));
     }
-    may_write(&output, settings.overwrite())?;
-    let progress = Progress::new(settings.progress(), "synth");
-    let written = write_raw(&source, &output, settings.overwrite(), &mut |done, total| progress.set(done, total));
+    may_write(&output, settings.overwrite)?;
+    let progress = Progress::new(settings.limits.progress, "synth");
+    let written = write_raw(&source, &output, settings.overwrite, &mut |done, total| progress.set(done, total));
     progress.finish();
     written.map_err(Failure::failed)
 }
 
 /// Runs a simulation for some steps, each appended to a new store as soon as it is computed.
-fn simulate(
-    output: &Path,
-    (shape, seed): (Extent, u64),
-    (voxel_type, steps): (VoxelType, u32),
-    settings: &PackSettings,
-) -> Result<(), Failure> {
+fn simulate(arguments: &SynthArguments) -> Result<(), Failure> {
+    let SynthArguments { ref output, shape, dtype: voxel_type, steps, seed, ref settings, .. } = *arguments;
     let named = |problem: &str| Failure::usage(format!("{}: {problem}", output.display()));
     if output.extension().is_none_or(|extension| extension != "zarr") {
         return Err(named("expected a name ending in .zarr: a simulation appends its steps to a store"));
@@ -111,12 +102,16 @@ fn simulate(
     }
     let mut reaction = Reaction::new(shape, seed);
     let threads = NonZeroUsize::new(options.threads).unwrap_or(NonZeroUsize::MIN);
-    let progress = Progress::new(settings.progress(), "synth");
-    let mut appender = None;
+    let progress = Progress::new(settings.limits.progress, "synth");
+    let mut appender: Option<Appender> = None;
     for step in 0..steps {
         let volume = reaction.step(voxel_type).ok_or_else(|| named("a simulation takes --dtype u8, u16 or f32"))?;
         let bytes = (volume.info().extent.volume() * voxel_type.bytes() as u64).max(1);
-        appender = Some(join(appender, output, &volume, &options)?);
+        let joined = match appender {
+            Some(mut appender) => appender.append(&volume, None, &()).map(|_| appender),
+            None => Appender::create(output, &volume, None, &options, &()),
+        };
+        appender = Some(joined.map_err(store_errors::append_failure)?);
         progress.set(u64::from(step + 1) * bytes, u64::from(steps) * bytes);
         if step + 1 < steps {
             reaction.advance(threads);
@@ -124,18 +119,4 @@ fn simulate(
     }
     progress.finish();
     Ok(())
-}
-
-/// Appends a step to the store, or creates the store from the first one.
-fn join(
-    appender: Option<Appender>,
-    output: &Path,
-    step: &ReactionStep,
-    options: &PackOptions,
-) -> Result<Appender, Failure> {
-    let joined = match appender {
-        Some(mut appender) => appender.append(step, None, &()).map(|_| appender),
-        None => Appender::create(output, step, None, options, &()),
-    };
-    joined.map_err(store_errors::append_failure)
 }

@@ -1,11 +1,9 @@
 //! `brickyard verify`: every checksum and statistic of a store.
 
 use super::failure::{ExitKind, Failure};
-use super::heading;
 use super::progress::{Progress, ProgressStyleArgument};
 use super::say::say;
-use super::values;
-use super::{print_json, print_line, store_errors};
+use super::{heading, print_json, print_line, store_errors, values};
 use brickyard::store::{self, VerifyReport};
 use brickyard::volume::{BrickId, counted};
 use clap::Args;
@@ -74,14 +72,6 @@ pub(crate) fn run(arguments: &VerifyArguments) -> Result<(), Failure> {
 /// Describes a report's problems in one line: the number and places of damaged bricks, and the number of other
 /// problems.
 fn summary(report: &VerifyReport) -> String {
-    let found = problems(report);
-    match report.is_cut_short {
-        true => format!("{found}; there are more: the check stopped here"),
-        false => found,
-    }
-}
-
-fn problems(report: &VerifyReport) -> String {
     let bricks = counted(report.bricks, "brick");
     let damaged: BTreeSet<BrickId> = report.problems.iter().filter_map(|problem| problem.brick).collect();
     let others = report.problems.iter().filter(|problem| problem.brick.is_none()).count() as u64;
@@ -92,11 +82,12 @@ fn problems(report: &VerifyReport) -> String {
         let channels = listed("channel", damaged.iter().map(|id| id.channel));
         format!("{} of {bricks} {are} damaged, in {levels}, {steps}, {channels}", damaged.len())
     };
-    match (damaged.is_empty(), others) {
+    let found = match (damaged.is_empty(), others) {
         (true, _) => format!("{} in {bricks}", counted(others, "problem")),
         (false, 0) => damage(),
         (false, _) => format!("{}; and {} of whole files or documents", damage(), counted(others, "problem")),
-    }
+    };
+    if report.is_cut_short { format!("{found}; there are more: the check stopped here") } else { found }
 }
 
 /// Lists numbers of one kind, each once: the first few, and their count if there are more.

@@ -1,17 +1,14 @@
 //! `brickyard view`: a window on stores, and on files, which are packed while it shows them.
 
-use super::failure::Failure;
-use super::heading;
 use super::input_args::InputArguments;
 use super::output::may_write_file;
 use super::pack_settings::KINDS;
 use super::progress::{Progress, ProgressStyleArgument};
 use super::sampling_args::SamplingArguments;
 use super::scene_args::SceneArguments;
-use super::session_args::{BACKENDS, backend_memory, threads};
+use super::session_args::{BACKENDS, SessionLimits};
 use super::session_errors::session_failure;
-use super::store_errors;
-use super::values;
+use super::{Failure, heading, store_errors, values};
 use brickyard::backend::BackendChoice;
 use brickyard::background;
 use brickyard::openable::OpenableError;
@@ -22,9 +19,8 @@ use brickyard::store::Kind;
 use brickyard::text_file::read_text;
 use brickyard_viewer::{Openings, Script, WindowOptions};
 use clap::parser::ValueSource;
-use clap::{ArgMatches, Args, Command, FromArgMatches};
+use clap::{ArgMatches, Args, Command};
 use std::cell::Cell;
-use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -54,16 +50,8 @@ pub(crate) struct ViewArguments {
     /// Where to render; auto is a hardware GPU if the window is on one, else the CPU
     #[arg(help_heading = heading::DRAWING, long, value_parser = BACKENDS, default_value = "auto")]
     backend: BackendChoice,
-    /// Hard limit of brick slots, tables, targets and staging, wherever they are [default: 1GiB of a GPU's memory, or a
-    /// quarter of the machine's if the CPU draws]
-    #[arg(help_heading = heading::DRAWING, long, visible_alias = "cpu-memory", value_name = "BYTES", value_parser = values::bytes)]
-    gpu_memory: Option<u64>,
-    /// Hard limit of decoded bricks and scratch
-    #[arg(help_heading = heading::DRAWING, long, value_name = "BYTES", default_value = "2GiB", value_parser = values::bytes)]
-    host_memory: u64,
-    /// Threads for decoding and for the CPU backend [default: all]
-    #[arg(help_heading = heading::DRAWING, short = 'j', long, value_parser = values::threads)]
-    threads: Option<NonZeroUsize>,
+    #[command(flatten)]
+    limits: SessionLimits,
     /// Do not restore the last window on these stores
     #[arg(help_heading = heading::WINDOW, long)]
     fresh: bool,
@@ -78,33 +66,6 @@ pub(crate) struct ViewArguments {
     stats: Option<PathBuf>,
 }
 
-/// The arguments of `view`, and whether any of them affects the scene.
-pub(crate) struct ViewCommand {
-    arguments: ViewArguments,
-    has_scene: bool,
-}
-
-impl FromArgMatches for ViewCommand {
-    fn from_arg_matches(matches: &ArgMatches) -> Result<Self, clap::Error> {
-        Ok(Self { arguments: ViewArguments::from_arg_matches(matches)?, has_scene: has_scene(matches) })
-    }
-
-    fn update_from_arg_matches(&mut self, matches: &ArgMatches) -> Result<(), clap::Error> {
-        *self = Self::from_arg_matches(matches)?;
-        Ok(())
-    }
-}
-
-impl Args for ViewCommand {
-    fn augment_args(command: Command) -> Command {
-        ViewArguments::augment_args(command)
-    }
-
-    fn augment_args_for_update(command: Command) -> Command {
-        ViewArguments::augment_args_for_update(command)
-    }
-}
-
 /// Whether any flag of the scene is given. Such a window does not restore the last one.
 fn has_scene(matches: &ArgMatches) -> bool {
     let flags = SamplingArguments::augment_args(SceneArguments::augment_args(Command::new("scene")));
@@ -112,12 +73,13 @@ fn has_scene(matches: &ArgMatches) -> bool {
     ids.any(|id| matches.value_source(id) == Some(ValueSource::CommandLine))
 }
 
-/// Runs `view`.
+/// Runs `view`; `matches` are those of its arguments.
 ///
 /// # Errors
 /// With the message and exit code for the user.
-pub(crate) fn run(ViewCommand { arguments, has_scene }: ViewCommand) -> Result<(), Failure> {
+pub(crate) fn run(arguments: ViewArguments, matches: Option<&ArgMatches>) -> Result<(), Failure> {
     let begun = Instant::now();
+    let has_scene = matches.is_some_and(has_scene);
     let script = match &arguments.script {
         None => Script::default(),
         Some(path) => {
@@ -134,7 +96,7 @@ pub(crate) fn run(ViewCommand { arguments, has_scene }: ViewCommand) -> Result<(
     }
     // Previews are within the limit, and leave most of it.
     let preview_bytes =
-        OpeningOptions::default().preview_bytes.min(arguments.host_memory / 4 / paths.len().max(1) as u64);
+        OpeningOptions::default().preview_bytes.min(arguments.limits.host_memory / 4 / paths.len().max(1) as u64);
     let options = OpeningOptions {
         files: arguments.input.options(),
         kind: arguments.kind,
@@ -146,16 +108,7 @@ pub(crate) fn run(ViewCommand { arguments, has_scene }: ViewCommand) -> Result<(
     let mut scene = arguments.scene.scene_of_one_step(&volumes, arguments.size)?;
     arguments.scene.set_first_look(&mut scene, &volumes);
     let scene = arguments.sampling.of(scene);
-    let (gpu_memory_bytes, cpu_memory_bytes) = backend_memory(arguments.gpu_memory);
-    let session = SessionOptions {
-        backend: arguments.backend,
-        gpu_memory_bytes,
-        cpu_memory_bytes,
-        host_memory_bytes: arguments.host_memory,
-        threads: threads(arguments.threads),
-        live: true,
-        ..SessionOptions::default()
-    };
+    let session = SessionOptions { backend: arguments.backend, live: true, ..arguments.limits.options() };
     if !volumes.is_empty() {
         check(&volumes, &scene).map_err(|error| session_failure(error.into()))?;
     }

@@ -4,8 +4,8 @@
 //! With several cameras and several steps, both run over all the pictures, as many as the more numerous of the two:
 //! time goes on while the camera moves.
 
+use super::Failure;
 use super::camera_path::CameraPath;
-use super::failure::Failure;
 use super::render_args::RenderArguments;
 use brickyard::session::VolumeSource;
 use brickyard::volume::{Camera, Scene};
@@ -56,7 +56,7 @@ impl Views {
             (_, _, Some(file)) => {
                 let path = CameraPath::read(file)?;
                 path.check(VolumeSource::timeline(volumes, &scene).steps(), frames.is_some())?;
-                path.check_alone(arguments.scene.steps_asked())?;
+                path.check_alone(arguments.scene.time.as_ref())?;
                 Cameras::Path { path, count: frames }
             }
             _ => Cameras::One,
@@ -74,14 +74,6 @@ impl Views {
         cameras.max(self.steps.len())
     }
 
-    /// The first scene.
-    ///
-    /// # Errors
-    /// The errors of [`Views::scene`].
-    pub(super) fn first(&self) -> Result<Scene, Failure> {
-        self.scene(0)
-    }
-
     /// Returns the scene of a picture.
     ///
     /// # Errors
@@ -91,12 +83,8 @@ impl Views {
         let (camera, step) = match &self.cameras {
             Cameras::One => (self.scene.camera, None),
             Cameras::Orbit { start, .. } => (Some(start.orbited(360.0 * i as f64 / count as f64)), None),
-            Cameras::Path { path, count: None } => {
-                let (camera, step) = path.listed(i, count);
-                (Some(camera), step)
-            }
-            Cameras::Path { path, count: Some(_) } => {
-                let (camera, step) = path.between(i, count)?;
+            Cameras::Path { path, count: along } => {
+                let (camera, step) = if along.is_some() { path.between(i, count)? } else { path.listed(i, count) };
                 (Some(camera), step)
             }
         };

@@ -1,9 +1,9 @@
 //! `--volume N:KEY=VALUE`: the look of one layer. Values have the same form as in flags for all layers.
 
-use super::failure::Failure;
-use super::values;
+use super::{Failure, values};
 use brickyard::text_file::read_text;
 use brickyard::volume::{Blend, Placement, PlacementError, Scene, SceneLayer, TransferChoice, TransferFile, counted};
+use clap::ValueEnum;
 use std::path::Path;
 
 /// One setting of one layer.
@@ -14,7 +14,8 @@ pub(crate) struct VolumeSetting {
     value: String,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// The keys, by their names in kebab case.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum VolumeKey {
     Transfer,
     Matrix,
@@ -30,31 +31,18 @@ pub(crate) enum VolumeKey {
     Visible,
 }
 
-const KEYS: [(&str, VolumeKey); 12] = [
-    ("transfer", VolumeKey::Transfer),
-    ("matrix", VolumeKey::Matrix),
-    ("window", VolumeKey::Window),
-    ("color", VolumeKey::Color),
-    ("gamma", VolumeKey::Gamma),
-    ("show-labels", VolumeKey::ShowLabels),
-    ("blend", VolumeKey::Blend),
-    ("opacity", VolumeKey::Opacity),
-    ("isovalue", VolumeKey::Isovalue),
-    ("crop", VolumeKey::Crop),
-    ("channel", VolumeKey::Channel),
-    ("visible", VolumeKey::Visible),
-];
-
 /// Reads `N:KEY=VALUE`.
 pub(crate) fn volume_setting(text: &str) -> Result<VolumeSetting, String> {
     let form = || format!("'{text}': expected N:KEY=VALUE, as in 1:blend=add");
     let (layer, rest) = text.split_once(':').ok_or_else(form)?;
     let (key, value) = rest.split_once('=').ok_or_else(form)?;
     let layer = layer.trim().parse().map_err(|_| form())?;
-    let names = || KEYS.map(|(name, _)| name).join(", ");
-    let found = KEYS.iter().find(|(name, _)| *name == key.trim());
-    let (_, key) = found.ok_or_else(|| format!("'{text}': no '{}': expected one of {}", key.trim(), names()))?;
-    let setting = VolumeSetting { layer, key: *key, value: value.trim().to_string() };
+    let key = VolumeKey::from_str(key.trim(), false).map_err(|_| {
+        let known = VolumeKey::value_variants().iter().filter_map(VolumeKey::to_possible_value);
+        let names: Vec<_> = known.map(|known| known.get_name().to_owned()).collect();
+        format!("'{text}': no '{}': expected one of {}", key.trim(), names.join(", "))
+    })?;
+    let setting = VolumeSetting { layer, key, value: value.trim().to_string() };
     // Faults of the text itself are reported at once.
     setting.key.set(&mut SceneLayer::default(), &setting.value).map(|()| setting)
 }
@@ -135,12 +123,10 @@ impl VolumeKey {
             Self::Isovalue => layer.isosurfaces.push(values::isosurface(value)?),
             Self::Crop => layer.crop = Some(values::corners(value)?),
             Self::Channel => {
-                let channel = value.parse().map_err(|_| format!("channel '{value}': expected a number from 0"))?;
-                layer.channel = channel;
+                layer.channel = value.parse().map_err(|_| format!("channel '{value}': expected a number from 0"))?;
             }
             Self::Visible => {
-                let visible = value.parse().map_err(|_| format!("visible '{value}': expected true or false"))?;
-                layer.visible = visible;
+                layer.visible = value.parse().map_err(|_| format!("visible '{value}': expected true or false"))?;
             }
         }
         Ok(())

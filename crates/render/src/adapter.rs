@@ -2,7 +2,7 @@
 //!
 //! `WGPU_BACKEND` and `WGPU_ADAPTER_NAME` narrow the choice, as usual with wgpu.
 
-use crate::error::GpuError;
+use crate::GpuError;
 use brickyard_volume::{SlotEncoding, SlotFormat};
 use std::fmt;
 use std::sync::LazyLock;
@@ -39,13 +39,10 @@ impl GpuFormats {
     /// in 32-bit floats costs little beside the march and keeps dozens of layers exact; half floats are off by about
     /// 1/2048 per layer.
     fn new(adapter: &wgpu::Adapter, enabled: Features) -> Self {
-        let filters = |format| {
-            let wanted = TextureFormatFeatureFlags::FILTERABLE;
-            let features = format_features(format);
-            enabled.contains(features) && adapter.get_texture_format_features(format).flags.contains(wanted)
-        };
-        let atlas_u16 =
-            if filters(TextureFormat::R16Unorm) { TextureFormat::R16Unorm } else { TextureFormat::R16Float };
+        let found = adapter.get_texture_format_features(TextureFormat::R16Unorm).flags;
+        let has_norm = enabled.contains(Features::TEXTURE_FORMAT_16BIT_NORM);
+        let filters_norm = has_norm && found.contains(TextureFormatFeatureFlags::FILTERABLE);
+        let atlas_u16 = if filters_norm { TextureFormat::R16Unorm } else { TextureFormat::R16Float };
         let widen = is_software(adapter) && atlas_u16 == TextureFormat::R16Unorm;
         let blends32 = enabled.contains(Features::FLOAT32_BLENDABLE);
         Self {
@@ -71,10 +68,6 @@ impl GpuFormats {
             SlotFormat::F32 => TextureFormat::R32Float,
         }
     }
-}
-
-fn format_features(format: TextureFormat) -> Features {
-    if format == TextureFormat::R16Unorm { Features::TEXTURE_FORMAT_16BIT_NORM } else { Features::empty() }
 }
 
 /// A graphics adapter's identity and capabilities.
@@ -121,7 +114,7 @@ impl AdapterReport {
         Self {
             name: info.name,
             backend: info.backend.to_string(),
-            kind: kind(info.device_type),
+            kind: rank(info.device_type).1,
             driver: format!("{} {}", info.driver, info.driver_info).trim().to_string(),
             max_texture_3d: limits.max_texture_dimension_3d,
             max_texture_2d: limits.max_texture_dimension_2d,
@@ -133,13 +126,14 @@ impl AdapterReport {
     }
 }
 
-fn kind(device_type: DeviceType) -> &'static str {
+/// The rank of a kind of adapter, the best first, and its name.
+fn rank(device_type: DeviceType) -> (u8, &'static str) {
     match device_type {
-        DeviceType::DiscreteGpu => "discrete GPU",
-        DeviceType::IntegratedGpu => "integrated GPU",
-        DeviceType::VirtualGpu => "virtual GPU",
-        DeviceType::Cpu => "software",
-        DeviceType::Other => "other",
+        DeviceType::DiscreteGpu => (0, "discrete GPU"),
+        DeviceType::IntegratedGpu => (1, "integrated GPU"),
+        DeviceType::VirtualGpu => (2, "virtual GPU"),
+        DeviceType::Other => (3, "other"),
+        DeviceType::Cpu => (4, "software"),
     }
 }
 
@@ -171,13 +165,7 @@ fn ranked_adapters() -> Vec<wgpu::Adapter> {
     if let Ok(name) = std::env::var("WGPU_ADAPTER_NAME") {
         found.retain(|a| a.get_info().name.to_lowercase().contains(&name.to_lowercase()));
     }
-    found.sort_by_key(|a| match a.get_info().device_type {
-        DeviceType::DiscreteGpu => 0,
-        DeviceType::IntegratedGpu => 1,
-        DeviceType::VirtualGpu => 2,
-        DeviceType::Other => 3,
-        DeviceType::Cpu => 4,
-    });
+    found.sort_by_key(|adapter| rank(adapter.get_info().device_type));
     found
 }
 

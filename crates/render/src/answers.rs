@@ -2,10 +2,9 @@
 //! few answers may be in flight, each on its own sheet (a buffer), labelled with its picture.
 
 use crate::buffers::buffer;
-use crate::error::GpuError;
-use crate::gpu::Gpu;
 use crate::mapping::Mapping;
 use crate::memory::{ANSWERS, COUNTS_BYTES, TIMESTAMP_BYTES};
+use crate::{Gpu, GpuError};
 use std::collections::VecDeque;
 use wgpu::BufferUsages;
 

@@ -4,21 +4,15 @@
 //! [`AtlasPlan`] computes how many slots fit a budget and where each lies. The whole texture is written before anything
 //! samples it: otherwise wgpu 30 zero-fills it at the first upload and can deadlock doing so.
 
-use crate::error::GpuError;
-use crate::gpu::Gpu;
+use crate::{Gpu, GpuError, buffers};
 use brickyard_pager::{DrawCell, Slot};
 use brickyard_volume::gradients::NODE_BYTES;
 use brickyard_volume::{GradientNodes, Pyramid};
-use wgpu::{Extent3d, TextureFormat};
+use wgpu::{Extent3d, TextureFormat, TextureUsages};
 
-/// Returns the bytes per texel of an atlas or gradient format.
+/// Returns the bytes per texel of a format; all our formats have such a size.
 pub(crate) fn texel_bytes(format: TextureFormat) -> u64 {
-    match format {
-        TextureFormat::R8Unorm => 1,
-        TextureFormat::R32Float => 4,
-        GRADIENT_FORMAT => NODE_BYTES as u64,
-        _ => 2,
-    }
+    format.block_copy_size(None).map_or(0, u64::from)
 }
 
 /// The layout of slots in the atlas texture.
@@ -129,18 +123,10 @@ fn texture(
     [width, height, depth_or_array_layers]: [u32; 3],
     format: TextureFormat,
 ) -> Result<wgpu::Texture, GpuError> {
-    let descriptor = wgpu::TextureDescriptor {
-        label: Some(label),
-        size: Extent3d { width, height, depth_or_array_layers },
-        mip_level_count: 1,
-        sample_count: 1,
-        dimension: wgpu::TextureDimension::D3,
-        format,
-        usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
-        view_formats: &[],
-    };
+    let shape = (Extent3d { width, height, depth_or_array_layers }, wgpu::TextureDimension::D3);
+    let usage = TextureUsages::TEXTURE_BINDING | TextureUsages::COPY_DST;
     let texels = [width, height, depth_or_array_layers].map(u64::from).iter().product::<u64>();
-    gpu.allocate(label, texels * texel_bytes(format), |device| device.create_texture(&descriptor))
+    gpu.allocate(label, texels * texel_bytes(format), |device| buffers::texture(device, label, shape, format, usage))
 }
 
 fn write(gpu: &Gpu, texture: &wgpu::Texture, [x, y, z]: [u32; 3], edge: u32, texels: &[u8]) {

@@ -1,16 +1,17 @@
 //! The blit of a finished picture onto an application's texture: one pass in the application's encoder, reading only
 //! the renderer's own picture.
 
-use crate::buffers::entry;
-use crate::error::GpuError;
-use crate::gpu::Gpu;
+use crate::atlas::texel_bytes;
+use crate::buffers::{self, entry};
 use crate::layouts::{bind_group_layout, texture};
+use crate::march::{attachment, color_pass, draw_over_all};
 use crate::pipelines::{DISPLAY_FORMAT, Shape, pipeline};
 use crate::targets::{Reading, Targets};
-use brickyard_shaders::{Eyes, bindings, blit};
+use crate::{Gpu, GpuError};
+use brickyard_shaders::{bindings, blit};
 use brickyard_volume::StereoLayout;
 use std::collections::HashMap;
-use wgpu::{BindingResource, BindingType, FilterMode, SamplerBindingType, ShaderStages, TextureFormat};
+use wgpu::{BindingResource, BindingType, SamplerBindingType, ShaderStages, TextureFormat};
 
 /// An application's texture, or a part of it, to receive a picture.
 #[derive(Clone, Copy, Debug)]
@@ -30,7 +31,7 @@ pub struct Target<'a> {
 pub(crate) struct Blit {
     layout: wgpu::BindGroupLayout,
     sampler: wgpu::Sampler,
-    pipelines: HashMap<(TextureFormat, Eyes), wgpu::RenderPipeline>,
+    pipelines: HashMap<(TextureFormat, Option<StereoLayout>), wgpu::RenderPipeline>,
     /// The left eye's picture, kept while the right eye's is drawn and afterwards.
     left: Option<wgpu::Texture>,
 }
@@ -52,14 +53,8 @@ impl Blit {
             (bindings::RIGHT_PICTURE, fragment, picture),
             (bindings::PICTURE_SAMPLER, fragment, BindingType::Sampler(SamplerBindingType::Filtering)),
         ];
-        let sampler = gpu.device.create_sampler(&wgpu::SamplerDescriptor {
-            label: Some("picture"),
-            mag_filter: FilterMode::Linear,
-            min_filter: FilterMode::Linear,
-            ..Default::default()
-        });
         let layout = bind_group_layout(gpu, "picture", &layout);
-        Self { layout, sampler, pipelines: HashMap::new(), left: None }
+        Self { layout, sampler: gpu.linear_sampler("picture"), pipelines: HashMap::new(), left: None }
     }
 
     /// Keeps the last drawn picture as the left eye's.
@@ -70,32 +65,24 @@ impl Blit {
         let size = targets.display.size();
         if self.left.as_ref().is_none_or(|left| left.size() != size) {
             self.left = None;
-            let bytes = size.width as u64 * size.height as u64 * 4;
-            let descriptor = wgpu::TextureDescriptor {
-                label: Some("the left eye"),
-                size,
-                mip_level_count: 1,
-                sample_count: 1,
-                dimension: wgpu::TextureDimension::D2,
-                format: DISPLAY_FORMAT,
-                usage: wgpu::TextureUsages::COPY_DST | wgpu::TextureUsages::TEXTURE_BINDING,
-                view_formats: &[],
-            };
-            self.left = Some(gpu.allocate("the left eye", bytes, |device| device.create_texture(&descriptor))?);
+            let (label, bytes) = ("the left eye", size.width as u64 * size.height as u64 * texel_bytes(DISPLAY_FORMAT));
+            let shape = (size, wgpu::TextureDimension::D2);
+            let usage = wgpu::TextureUsages::COPY_DST | wgpu::TextureUsages::TEXTURE_BINDING;
+            let make = |device: &wgpu::Device| buffers::texture(device, label, shape, DISPLAY_FORMAT, usage);
+            self.left = Some(gpu.allocate(label, bytes, make)?);
         }
         if let Some(left) = &self.left {
-            let mut encoder = gpu.device.create_command_encoder(&Default::default());
-            encoder.copy_texture_to_texture(targets.display.as_image_copy(), left.as_image_copy(), size);
-            gpu.queue.submit([encoder.finish()]);
+            let (from, to) = (targets.display.as_image_copy(), left.as_image_copy());
+            gpu.submit(|encoder| encoder.copy_texture_to_texture(from, to, size));
         }
         Ok(())
     }
 
     /// Creates a target's pipeline unless it exists.
-    fn make_ready(&mut self, gpu: &Gpu, wanted: (TextureFormat, Eyes)) -> Result<(), GpuError> {
+    fn make_ready(&mut self, gpu: &Gpu, wanted: (TextureFormat, Option<StereoLayout>)) -> Result<(), GpuError> {
         if !self.pipelines.contains_key(&wanted) {
-            let (format, eyes) = wanted;
-            let (source, entries) = (blit(eyes, format.is_srgb()), ["stretched", "blit"]);
+            let (format, stereo) = wanted;
+            let (source, entries) = (blit(stereo, format.is_srgb()), ["stretched", "blit"]);
             let make = || pipeline(gpu, &source, &[&self.layout], entries, Shape::default(), &[format.into()]);
             let made = gpu.guarded(make)?;
             self.pipelines.insert(wanted, made);
@@ -114,42 +101,22 @@ impl Blit {
         target: &Target<'_>,
         encoder: &mut wgpu::CommandEncoder,
     ) -> Result<(), GpuError> {
-        let wanted = (target.format, stereo.map_or(Eyes::One, eyes));
+        let wanted = (target.format, stereo);
         self.make_ready(gpu, wanted)?;
         let left = self.left.as_ref().filter(|_| stereo.is_some()).unwrap_or(&targets.display);
         let left = left.create_view(&Default::default());
-        let bindings = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
-            label: Some("picture"),
-            layout: &self.layout,
-            entries: &[
-                entry(bindings::LEFT_PICTURE, BindingResource::TextureView(&left)),
-                entry(bindings::RIGHT_PICTURE, BindingResource::TextureView(&targets.display_view)),
-                entry(bindings::PICTURE_SAMPLER, BindingResource::Sampler(&self.sampler)),
-            ],
-        });
-        let ops = wgpu::Operations { load: wgpu::LoadOp::Load, store: wgpu::StoreOp::Store };
-        let attachment =
-            wgpu::RenderPassColorAttachment { view: target.view, depth_slice: None, resolve_target: None, ops };
-        let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
-            label: Some("brickyard's picture"),
-            color_attachments: &[Some(attachment)],
-            ..Default::default()
-        });
+        let entries = [
+            entry(bindings::LEFT_PICTURE, BindingResource::TextureView(&left)),
+            entry(bindings::RIGHT_PICTURE, BindingResource::TextureView(&targets.display_view)),
+            entry(bindings::PICTURE_SAMPLER, BindingResource::Sampler(&self.sampler)),
+        ];
+        let bindings = gpu.bind_group("picture", &self.layout, &entries);
+        let attachment = attachment(target.view, wgpu::LoadOp::Load);
+        let mut pass = color_pass(encoder, "brickyard's picture", &[attachment], None);
         if let Some([x, y, width, height]) = target.area_px {
             pass.set_viewport(x as f32, y as f32, width as f32, height as f32, 0.0, 1.0);
         }
-        pass.set_pipeline(&self.pipelines[&wanted]);
-        pass.set_bind_group(0, &bindings, &[]);
-        pass.draw(0..3, 0..1);
+        draw_over_all(&mut pass, &self.pipelines[&wanted], &bindings);
         Ok(())
-    }
-}
-
-fn eyes(layout: StereoLayout) -> Eyes {
-    match layout {
-        StereoLayout::SideBySide => Eyes::SideBySide,
-        StereoLayout::TopBottom => Eyes::TopBottom,
-        StereoLayout::Anaglyph => Eyes::Anaglyph,
-        StereoLayout::Interlaced => Eyes::Interlaced,
     }
 }

@@ -25,6 +25,11 @@ impl Part {
         wgpu::BindingResource::Buffer(wgpu::BufferBinding { buffer, offset: self.at, size })
     }
 
+    /// A part of a buffer, or all of it.
+    pub(crate) fn of_any(part: Option<Self>, buffer: &wgpu::Buffer) -> wgpu::BindingResource<'_> {
+        part.map_or_else(|| buffer.as_entire_binding(), |part| part.of(buffer))
+    }
+
     /// The index of the part's first item, for items of `size` bytes.
     pub(crate) fn first(&self, size: usize) -> u32 {
         (self.at / size as u64) as u32

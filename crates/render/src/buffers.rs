@@ -1,8 +1,7 @@
 //! The buffers shared by all layers: those read by every march, and those only for rays.
 
-use crate::error::GpuError;
-use crate::gpu::Gpu;
 use crate::memory::TIMESTAMP_BYTES;
+use crate::{Gpu, GpuError};
 use wgpu::{BindingResource, BufferUsages};
 
 /// The buffers of every march: frames, transfer tables and timestamps.
@@ -52,6 +51,26 @@ pub(crate) struct RayBuffers {
 
 pub(crate) fn entry(binding: u32, resource: BindingResource<'_>) -> wgpu::BindGroupEntry<'_> {
     wgpu::BindGroupEntry { binding, resource }
+}
+
+/// Creates a texture, of one level and of one sample a texel.
+pub(crate) fn texture(
+    device: &wgpu::Device,
+    label: &str,
+    (size, dimension): (wgpu::Extent3d, wgpu::TextureDimension),
+    format: wgpu::TextureFormat,
+    usage: wgpu::TextureUsages,
+) -> wgpu::Texture {
+    device.create_texture(&wgpu::TextureDescriptor {
+        label: Some(label),
+        size,
+        mip_level_count: 1,
+        sample_count: 1,
+        dimension,
+        format,
+        usage,
+        view_formats: &[],
+    })
 }
 
 pub(crate) fn buffer(device: &wgpu::Device, label: &str, size: u64, usage: BufferUsages) -> wgpu::Buffer {

@@ -9,7 +9,7 @@ use brickyard_volume::lighting::MAX_LIGHTS;
 use brickyard_volume::macrocells::per_axis;
 use brickyard_volume::surface::MAX_SURFACES;
 use brickyard_volume::{
-    Blend, Clip, ClipPlane, Extreme, Filter, FrameSettings, Gradient, Jitter, Level, LightingModel, MAX_PLANES, Mode,
+    Blend, Clip, ClipPlane, Extreme, Filter, FrameSettings, Gradient, Jitter, Level, LightingModel, MAX_PLANES,
     Pyramid, VoxelBox,
 };
 use glam::{DMat3, DVec2, DVec3};
@@ -118,6 +118,8 @@ pub(crate) fn frame_uniform(
     let slopes = axes.map(|axis| frame.placement.world_gradient(axis / spacing));
     let world = |offset: DVec3| frame.placement.volume_normal(offset) * spacing;
     let steepest = slopes.iter().map(|slope| slope.length()).fold(0.0, f64::max);
+    // Including fractional codes.
+    let code_of = |value: f64| (frame.encoding.code(value) + frame.encoding.first_code()) as f32;
     let (jitter, jitter_seed) = match frame.sampling.jitter {
         Jitter::None => (0, 0),
         Jitter::White(seed) => (1, seed),
@@ -143,7 +145,8 @@ pub(crate) fn frame_uniform(
         spacing: single(spacing),
         orthographic: rays.orthographic as u32,
         texel: atlas.plan.size().map(|n| (1.0 / n as f64) as f32),
-        invert: least_is_greatest(frame.mode),
+        // Shaders then flip values within their range: the least becomes the greatest.
+        invert: f32::from(frame.mode.extreme() == Some(Extreme::Least)),
         background: frame.background,
         tree_depth: splits(pyramid).len() as u32,
         size_px: [rays.width as f32, rays.height as f32],
@@ -162,13 +165,11 @@ pub(crate) fn frame_uniform(
         jitter_seed,
         thresholds,
         surfaces,
-        mesh_far: 0.0,
         gradient_edge: atlas.nodes.along() as f32,
         first_gradient: apron as f32 + atlas.nodes.first(),
         grid_at: table.grid_at,
-        first_px: 0,
         adaptive_step: frame.table.adaptive_step() as f32,
-        adds: (blend == Blend::Add) as u32 as f32,
+        adds: f32::from(blend == Blend::Add),
         opacity: opacity as f32,
         reach: slopes.map(|slope| slope.length() as f32),
         flat_depth: (-(1.0 - opacity).log2()).min(most_depth) as f32,
@@ -178,9 +179,7 @@ pub(crate) fn frame_uniform(
         slopes: slopes.map(|slope| (slope / steepest).extend(steepest * frame.lattice.step).as_vec4().to_array()),
         zone_starts: frame.lattice.zone_starts,
         planes: planes(frame),
-        list_at: [0; 2],
         flat: (frame.encoding.flat_codes() / frame.encoding.span_codes()) as f32,
-        spare: 0.0,
         first_slot: frame.encoding.first_slot(),
         per_slot: (frame.encoding.codes_per_slot() / frame.encoding.span_codes()) as f32,
         farthest_slots: frame.encoding.farthest_slots(),
@@ -192,14 +191,10 @@ pub(crate) fn frame_uniform(
         last_entry: frame.table.last_entry() as f32,
         counts_per_code: table.counts_per_code,
         caps: frame.caps as u32,
-        threshold_code: frame.surfaces.first().map_or(1e30, |first| code_of(first.threshold, frame)),
-        firsts: [0; 4],
+        threshold_code: frame.surfaces.first().map_or(1e30, |first| code_of(first.threshold)),
+        // Set by the meshes, by marches and by their layers.
+        ..FrameUniform::default()
     }
-}
-
-/// The code of a value, including fractional codes.
-fn code_of(value: f64, frame: &FrameSettings) -> f32 {
-    (frame.encoding.code(value) + frame.encoding.first_code()) as f32
 }
 
 /// Each surface's threshold as a place in the table, and its colour and opacity.
@@ -221,11 +216,6 @@ fn grid(frame: &FrameSettings) -> [f32; 4] {
     let gradient = 0.5 * frame.encoding.code_width() * frame.encoding.span_codes();
     let columns = (grid.columns_per_gradient as f64 * gradient) as f32;
     [grid.first_code, grid.rows_per_code, columns, (grid.rows() - 1) as f32]
-}
-
-/// 1 if shaders flip values within their range, so that the least becomes the greatest; else 0.
-fn least_is_greatest(mode: Mode) -> f32 {
-    if mode.extreme() == Some(Extreme::Least) { 1.0 } else { 0.0 }
 }
 
 /// The lights' positions relative to the volume's corner, in the scene's world.
@@ -264,7 +254,7 @@ pub(crate) fn cell_instance(region: &VoxelBox, pixels: PixelShare) -> CellInstan
 
 pub(crate) fn cell_brick(cell: &DrawCell, pyramid: &Pyramid, atlas: &AtlasPlan, apron: u32) -> CellBrick {
     let (texel_scale, texel_offset) = texel_placement(cell, pyramid, atlas, apron);
-    CellBrick { texel_scale, is_there: 1, texel_offset, spare: 0.0 }
+    CellBrick { texel_scale, is_there: 1, texel_offset, ..CellBrick::default() }
 }
 
 #[cfg(test)]

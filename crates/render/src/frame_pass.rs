@@ -1,19 +1,19 @@
 //! One picture in the making: the layers' cell lists gathered into a target, resolved to display colours, and read back
 //! to the CPU. With meshes, gathering and resolving are repeated for each slab.
 
+use crate::GpuError;
 use crate::answers::{COUNTS_AT, MARKS_AT, Question};
 use crate::buffer_parts::{Part, Parts};
-use crate::error::GpuError;
 use crate::frame::Framed;
 use crate::gather_plan::{Course, Projected};
 use crate::layer::GpuLayer;
 use crate::leaf_octree::Tree;
-use crate::march::{Gathering, attachment, draw_over_all};
+use crate::march::{Gathering, attachment, color_pass, draw_over_all};
 use crate::meshes::{Peeled, is_counted};
 use crate::pipelines::{Pipeline, Wanted};
 use crate::pool::Pool;
 use crate::renderer::{GpuRenderer, March, check_size};
-use crate::sorted::{Boxes, Drawn};
+use crate::sorted::Boxes;
 use crate::targets::{Reading, Targets};
 use crate::transfer_table::{self, COMBINED, Places};
 use crate::variant::Shader;
@@ -116,19 +116,9 @@ impl GpuRenderer {
         if !frame.placement.is_identity() {
             return Err(GpuError::Mismatch("passes are of one volume in its own world".into()));
         }
-        self.begin(
-            vec![Framed {
-                number: 0,
-                settings: frame,
-                pyramid,
-                blend: Blend::Mix,
-                opacity: 1.0,
-                cut: 0,
-                has_coarse: true,
-            }],
-            None,
-            true,
-        )
+        let (blend, opacity) = (Blend::Mix, 1.0);
+        let only = Framed { number: 0, settings: frame, pyramid, blend, opacity, cut: 0, has_coarse: true };
+        self.begin(vec![only], None, true)
     }
 
     fn begin<'a>(
@@ -247,7 +237,7 @@ impl GpuRenderer {
 
 /// A layer's frame in the buffer: those of layers drawn together follow one another from the first.
 fn frame_part(layers: &[GpuLayer], framed: &[Framed<'_>], course: &Course, i: usize) -> Part {
-    let at = if course.is_joint() { i } else { framed[i].number };
+    let at = if matches!(course, Course::Joint(_)) { i } else { framed[i].number };
     layers[at].parts.frame
 }
 
@@ -274,58 +264,40 @@ impl Passes<'_> {
             self.pool(i).check_list(draw)?;
         }
         match &self.course {
-            Course::Single(shader) => self.march(0, shader, draws[0])?,
+            Course::Single(shader) => self.march(Some(0), shader, draws)?,
             Course::Each(all) => {
                 for (i, projected) in all.iter().enumerate() {
-                    self.march(projected.layer, &projected.shader, draws[projected.layer])?;
+                    self.march(Some(projected.layer), &projected.shader, draws)?;
                     self.join(projected, i == 0)?;
                 }
             }
-            Course::Joint(shader) => self.march_joint(shader, draws)?,
+            Course::Joint(shader) => self.march(None, shader, draws)?,
         }
         self.lists += 1;
         self.cells = draws.iter().map(|draw| draw.cells.len()).collect();
         Ok(())
     }
 
-    fn march(&self, i: usize, shader: &Shader, draw: &DrawList) -> Result<(), GpuError> {
+    /// Gathers only one layer, or all of them together.
+    fn march(&self, only: Option<usize>, shader: &Shader, draws: &[&DrawList]) -> Result<(), GpuError> {
         let GpuRenderer { gpu, shared, march, .. } = &*self.renderer;
         let is_first = self.lists == 0;
-        let (gathering, pipeline) = (self.gathering(i)?, self.pipeline(shader)?);
+        let marched = only.map_or(0..draws.len(), |i| i..i + 1);
+        let layer = only.map(|i| self.framed[i].number);
+        let (gathering, pipeline) = (self.gathering(marched.start)?, self.pipeline(shader)?);
         match (march, pipeline) {
             (March::Sorted(sorted), Pipeline::Render(pipeline)) => {
-                let boxes = Boxes::new(&[self.drawn(i, draw)])?;
-                sorted.draw(gpu, (&gathering, pipeline), &sorted.bindings[self.framed[i].number], &boxes, is_first)?;
+                let drawn = |i: usize| (draws[i], self.framed[i].pyramid, self.pool(i));
+                let boxes = Boxes::new(&marched.map(drawn).collect::<Vec<_>>())?;
+                sorted.draw(gpu, (&gathering, pipeline), sorted.bindings.of(layer), &boxes, is_first)
             }
             (March::Raycast(raycast), pipeline) if is_first => {
-                raycast.set_trees(gpu, shared, &[self.tree(i, draw)])?;
-                gathering.cast_rays(gpu, pipeline, &raycast.bindings[self.framed[i].number], 1)?;
+                let trees: Vec<_> = marched.map(|i| self.tree(i, draws[i])).collect();
+                raycast.set_trees(gpu, shared, &trees)?;
+                gathering.cast_rays(gpu, pipeline, raycast.bindings.of(layer), trees.len() as u32)
             }
-            _ => return Err(GpuError::Mismatch("rays are cast through a single list".into())),
+            _ => Err(GpuError::Mismatch("rays are cast through a single list".into())),
         }
-        Ok(())
-    }
-
-    fn march_joint(&self, shader: &Shader, draws: &[&DrawList]) -> Result<(), GpuError> {
-        let GpuRenderer { gpu, shared, march, .. } = &*self.renderer;
-        let (gathering, pipeline) = (self.gathering(0)?, self.pipeline(shader)?);
-        let all = draws.iter().enumerate();
-        match (march, pipeline) {
-            (March::Sorted(sorted), Pipeline::Render(pipeline)) => {
-                let boxes = Boxes::new(&all.map(|(i, draw)| self.drawn(i, draw)).collect::<Vec<_>>())?;
-                sorted.draw(gpu, (&gathering, pipeline), &sorted.joint, &boxes, self.lists == 0)?;
-            }
-            (March::Raycast(raycast), pipeline) => {
-                raycast.set_trees(gpu, shared, &all.map(|(i, draw)| self.tree(i, draw)).collect::<Vec<_>>())?;
-                gathering.cast_rays(gpu, pipeline, &raycast.joint, draws.len() as u32)?;
-            }
-            _ => return Err(no_target()),
-        }
-        Ok(())
-    }
-
-    fn drawn<'a>(&'a self, i: usize, draw: &'a DrawList) -> Drawn<'a> {
-        (draw, self.framed[i].pyramid, self.pool(i))
     }
 
     /// A layer's octree, and its part of the frames' buffer.
@@ -352,21 +324,17 @@ impl Passes<'_> {
         let (seen, shown) = projected.resolved();
         let pipeline = self.resolve(seen, shown)?;
         let Some([mixed, emission]) = &targets.sums else { return Err(no_target()) };
-        let bindings = shared.resolve_bindings(gpu, &layouts.resolve, &self.layer(projected.layer).parts, targets);
+        let parts = &self.layer(projected.layer).parts;
+        let bindings = shared.resolve_bindings(gpu, layouts, parts, &targets.gathered, None);
         let is_begin = is_first && self.is_first;
         let load = if is_begin { wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT) } else { wgpu::LoadOp::Load };
-        let mut encoder = gpu.device.create_command_encoder(&Default::default());
-        {
-            let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
-                label: Some("join"),
-                color_attachments: &[attachment(mixed, load), attachment(emission, load)],
-                ..Default::default()
-            });
+        gpu.submit(|encoder| {
+            let attachments = [attachment(mixed, load), attachment(emission, load)];
+            let mut pass = color_pass(encoder, "join", &attachments, None);
             let PixelRect { x0, x1, y0, y1 } = self.rect;
             pass.set_scissor_rect(x0, y0, x1 - x0, y1 - y0);
             draw_over_all(&mut pass, pipeline, &bindings);
-        }
-        gpu.queue.submit([encoder.finish()]);
+        });
         Ok(())
     }
 
@@ -483,23 +451,14 @@ impl Passes<'_> {
     fn resolve_all(&self, encoder: &mut wgpu::CommandEncoder) -> Result<(), GpuError> {
         let GpuRenderer { shared, meshes, peeled, .. } = &*self.renderer;
         let (targets, PixelRect { x0, x1, y0, y1 }) = (self.targets()?, self.shown_rect());
-        let cut = |pass: &mut wgpu::RenderPass<'_>| pass.set_scissor_rect(x0, y0, x1 - x0, y1 - y0);
-        match (meshes, peeled) {
-            (Some(meshes), Some(peeled)) if self.has_meshes() => {
-                shared.resolve(encoder, targets, |pass| {
-                    cut(pass);
-                    meshes.show(pass, peeled);
-                });
-            }
-            _ => {
-                let (pipeline, bindings) =
-                    (self.resolve(self.course.seen(), Shown::Picture)?, self.resolve_bindings()?);
-                shared.resolve(encoder, targets, |pass| {
-                    cut(pass);
-                    draw_over_all(pass, pipeline, &bindings);
-                });
-            }
-        }
+        let (pipeline, bindings) = match (meshes, peeled) {
+            (Some(meshes), Some(peeled)) if self.has_meshes() => (&meshes.show, peeled.all.clone()),
+            _ => (self.resolve(self.course.seen(), Shown::Picture)?, self.resolve_bindings()?),
+        };
+        let attachment = attachment(&targets.display_view, wgpu::LoadOp::Clear(wgpu::Color::BLACK));
+        let mut pass = color_pass(encoder, "resolve", &[attachment], shared.timestamp_writes(None, Some(1)));
+        pass.set_scissor_rect(x0, y0, x1 - x0, y1 - y0);
+        draw_over_all(&mut pass, pipeline, &bindings);
         Ok(())
     }
 
@@ -550,10 +509,8 @@ impl Passes<'_> {
     fn resolve_bindings(&self) -> Result<wgpu::BindGroup, GpuError> {
         let GpuRenderer { gpu, shared, layouts, .. } = &*self.renderer;
         let (targets, parts) = (self.targets()?, &Parts { frame: self.frame_part(0), ..self.layer(0).parts });
-        Ok(match &targets.sums {
-            Some(sums) if self.course.is_joined() => shared.joined_bindings(gpu, &layouts.joined, parts, sums),
-            _ => shared.resolve_bindings(gpu, &layouts.resolve, parts, targets),
-        })
+        let sums = targets.sums.as_ref().filter(|_| self.course.is_joined());
+        Ok(shared.resolve_bindings(gpu, layouts, parts, &targets.gathered, sums))
     }
 }
 

@@ -4,14 +4,13 @@
 //! pictures are joined. Fog and surfaces of several layers, or of an additive or placed one, are gathered together: by
 //! one ray through all of them, or cell by cell where they share their cells.
 
-use crate::compositor::Compositor;
-use crate::error::GpuError;
 use crate::frame::Framed;
 use crate::layer::{GpuLayer, value_bits};
 use crate::pipelines::Wanted;
 use crate::pool::Pool;
 use crate::transfer_table::{COMBINED, last_place};
 use crate::variant::{Shader, gather_of, medium_of, variant_of};
+use crate::{Compositor, GpuError};
 use brickyard_shaders::{ExpressionShader, Gather, JointVariant, Seen, Shown, Variant};
 use brickyard_volume::{Blend, Combination, Method, Mode};
 
@@ -107,10 +106,6 @@ impl Course {
             Self::Single(shader) | Self::Joint(shader) => vec![shader],
             Self::Each(all) => all.iter().map(|projected| &projected.shader).collect(),
         }
-    }
-
-    pub(crate) fn is_joint(&self) -> bool {
-        matches!(self, Self::Joint(_))
     }
 
     pub(crate) fn is_joined(&self) -> bool {

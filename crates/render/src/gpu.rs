@@ -4,8 +4,8 @@
 //! Uncaught errors and the device's loss are recorded and returned as typed errors by the next call. An application's
 //! device keeps its own handlers: there, every call runs in its own error scopes.
 
+use crate::GpuError;
 use crate::adapter::{self, AdapterReport, GpuPreference};
-use crate::error::GpuError;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -109,7 +109,8 @@ impl Gpu {
         if !lacking.is_empty() {
             return Err(GpuError::Device { adapter: report.to_string(), reason: lacking.join("; ") });
         }
-        Ok(Self::of(device, queue, report, true, u64::MAX))
+        let (fault, longest_wait_us) = Default::default();
+        Ok(Self { device, queue, report, fault, is_lent: true, refuse_above_bytes: u64::MAX, longest_wait_us })
     }
 
     /// Opens a device on the best permitted adapter. Allocations above `refuse_above_bytes` are refused, for tests.
@@ -122,8 +123,9 @@ impl Gpu {
         let report = AdapterReport::new(&adapter, wanted.required_features, &wanted.required_limits);
         let (device, queue) = pollster::block_on(adapter.request_device(&wanted))
             .map_err(|e| GpuError::Device { adapter: report.to_string(), reason: e.to_string() })?;
-        let gpu = Self::of(device, queue, report, false, refuse_above_bytes);
-        let (uncaught, lost) = (gpu.fault.clone(), gpu.fault.clone());
+        let (fault, longest_wait_us): (Arc<Fault>, _) = Default::default();
+        let (uncaught, lost) = (fault.clone(), fault.clone());
+        let gpu = Self { device, queue, report, fault, is_lent: false, refuse_above_bytes, longest_wait_us };
         gpu.device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| {
             tracing::error!("GPU: {error}");
             uncaught.set(GpuError::Refused(error.to_string()));
@@ -132,17 +134,6 @@ impl Gpu {
             lost.set(GpuError::DeviceLost(format!("{reason:?} {message}").trim().to_string()));
         });
         Ok(gpu)
-    }
-
-    fn of(
-        device: wgpu::Device,
-        queue: wgpu::Queue,
-        report: AdapterReport,
-        is_lent: bool,
-        refuse_above_bytes: u64,
-    ) -> Self {
-        let (fault, longest_wait_us) = Default::default();
-        Self { device, queue, report, fault, is_lent, refuse_above_bytes, longest_wait_us }
     }
 
     /// The report on the device's adapter.
@@ -168,6 +159,30 @@ impl Gpu {
             Some(lost @ GpuError::DeviceLost(_)) => Err(lost.clone()),
             Some(_) => slot.take().map_or(Ok(()), Err),
         }
+    }
+
+    /// Creates a bind group.
+    pub(crate) fn bind_group(
+        &self,
+        label: &str,
+        layout: &wgpu::BindGroupLayout,
+        entries: &[wgpu::BindGroupEntry<'_>],
+    ) -> wgpu::BindGroup {
+        self.device.create_bind_group(&wgpu::BindGroupDescriptor { label: Some(label), layout, entries })
+    }
+
+    /// Creates a sampler that filters linearly.
+    pub(crate) fn linear_sampler(&self, label: &str) -> wgpu::Sampler {
+        let (mag_filter, min_filter) = (wgpu::FilterMode::Linear, wgpu::FilterMode::Linear);
+        let descriptor = wgpu::SamplerDescriptor { label: Some(label), mag_filter, min_filter, ..Default::default() };
+        self.device.create_sampler(&descriptor)
+    }
+
+    /// Records commands and submits them.
+    pub(crate) fn submit(&self, record: impl FnOnce(&mut wgpu::CommandEncoder)) -> wgpu::SubmissionIndex {
+        let mut encoder = self.device.create_command_encoder(&Default::default());
+        record(&mut encoder);
+        self.queue.submit([encoder.finish()])
     }
 
     /// Allocates something of `requested_bytes` on the device.

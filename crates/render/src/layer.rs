@@ -5,14 +5,14 @@
 
 use crate::buffer_parts::{Part, Parts};
 use crate::buffers::{RayBuffers, SharedBuffers};
-use crate::error::GpuError;
 use crate::frame::{Framed, TableInUse, frame_uniform};
-use crate::gpu::Gpu;
 use crate::pool::Pool;
 use crate::transfer_table::{self, Places, TableCapacity};
+use crate::variant::voxels_of;
+use crate::{Gpu, GpuError};
 use brickyard_pager::VolumeNeeds;
 use brickyard_shaders::{FirstPlaces, FrameUniform, LayerShader};
-use brickyard_volume::{Blend, OpaqueCodes, SlotEncoding, SlotFormat, TransferTable};
+use brickyard_volume::{Blend, OpaqueCodes, SlotEncoding, TransferTable};
 use std::sync::Arc;
 use wgpu::TextureFormat;
 
@@ -38,13 +38,9 @@ impl GpuLayer {
     pub(crate) fn check(&self, framed: &Framed<'_>) -> Result<(), GpuError> {
         let (frame, needs) = (framed.settings, &self.needs);
         if frame.encoding.of_slots() != needs.encoding.of_slots() || framed.pyramid.edge() != needs.edge {
-            return Err(GpuError::Mismatch(format!(
-                "frame of {:?} in bricks of {}: this renderer was made for {:?} in bricks of {}",
-                frame.encoding,
-                framed.pyramid.edge(),
-                needs.encoding,
-                needs.edge
-            )));
+            let [asked, made] = [(frame.encoding, framed.pyramid.edge()), (needs.encoding, needs.edge)]
+                .map(|(encoding, edge)| format!("{encoding:?} in bricks of {edge}"));
+            return Err(GpuError::Mismatch(format!("frame of {asked}: this renderer was made for {made}")));
         }
         let (asked, given) = (frame.needs(), needs.bricks);
         if !given.satisfy(&asked) {
@@ -70,9 +66,9 @@ impl GpuLayer {
         if self.table.as_ref().is_some_and(|(table, held)| *held == holds && is_wanted(table)) {
             return;
         }
-        let words = transfer_table::words(wanted, self.room(), holds);
-        gpu.queue.write_buffer(&shared.table, self.parts.table.at, bytemuck::cast_slice(&words.words));
-        self.sum_unit = words.sum_unit;
+        let (words, sum_unit) = transfer_table::words(wanted, self.room(), holds);
+        gpu.queue.write_buffer(&shared.table, self.parts.table.at, bytemuck::cast_slice(&words));
+        self.sum_unit = sum_unit;
         if let Some(rays) = rays {
             self.opaque = OpaqueCodes::new(wanted);
             let counts = bytemuck::cast_slice(self.opaque.before());
@@ -101,11 +97,8 @@ impl GpuLayer {
         let Parts { table, counts, .. } = self.parts;
         LayerShader {
             pool: self.pool as u32,
-            has_invalid: self.needs.encoding.has_invalid,
-            is_labels: self.needs.encoding.is_labels,
+            voxels: voxels_of(&framed.settings.encoding),
             is_whole: framed.settings.has_whole_values(),
-            is_float: self.needs.encoding.format == SlotFormat::F32,
-            is_narrow: !framed.settings.encoding.has_whole_table(),
             adds: framed.blend == Blend::Add,
             has_surfaces: !framed.settings.surfaces.is_empty(),
             has_grid: framed.settings.grid().is_some(),

@@ -1,10 +1,9 @@
 //! Bind group layouts: one for each kind of pass, shared by all its pipelines.
 
-use crate::compositor::Compositor;
-use crate::gpu::Gpu;
 use crate::pool::Pool;
+use crate::{Compositor, Gpu};
 use brickyard_shaders::bindings;
-use wgpu::{BindingType, ShaderStages, TextureViewDimension};
+use wgpu::{BindGroupLayoutEntry, BindingType, ShaderStages, TextureViewDimension};
 
 /// Bind group layouts shared by all variants.
 #[derive(Clone, Debug)]
@@ -49,12 +48,7 @@ pub(crate) fn bind_group_layout(
     label: &str,
     entries: &[(u32, ShaderStages, BindingType)],
 ) -> wgpu::BindGroupLayout {
-    let entry = |&(binding, visibility, ty): &(u32, ShaderStages, BindingType)| wgpu::BindGroupLayoutEntry {
-        binding,
-        visibility,
-        ty,
-        count: None,
-    };
+    let entry = |&(binding, visibility, ty): &(_, _, _)| BindGroupLayoutEntry { binding, visibility, ty, count: None };
     let entries: Vec<_> = entries.iter().map(entry).collect();
     let descriptor = wgpu::BindGroupLayoutDescriptor { label: Some(label), entries: &entries };
     gpu.device.create_bind_group_layout(&descriptor)

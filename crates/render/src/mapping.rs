@@ -1,7 +1,6 @@
 //! A buffer on its way to the CPU: mapped after the submissions before it, read once, and reused.
 
-use crate::error::GpuError;
-use crate::gpu::Gpu;
+use crate::{Gpu, GpuError};
 use std::sync::mpsc::{Receiver, TryRecvError, channel};
 use wgpu::{BufferAsyncError, MapMode};
 

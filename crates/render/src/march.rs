@@ -2,13 +2,13 @@
 
 use crate::buffer_parts::{Part, Parts};
 use crate::buffers::{SharedBuffers, entry};
-use crate::error::GpuError;
-use crate::gpu::Gpu;
+use crate::layer::GpuLayer;
+use crate::layouts::Layouts;
 use crate::memory::TIMESTAMP_BYTES;
 use crate::pace::Pace;
 use crate::pipelines::{Pipeline, TEXELS_GROUP};
 use crate::pool::Pool;
-use crate::targets::Targets;
+use crate::{Gpu, GpuError};
 use brickyard_shaders::{FrameUniform, WORKGROUP_PX, bindings};
 use brickyard_volume::PixelRect;
 use wgpu::BindingResource;
@@ -23,7 +23,7 @@ impl SharedBuffers {
         pools: &[Pool],
         own: Vec<wgpu::BindGroupEntry<'_>>,
     ) -> wgpu::BindGroup {
-        let sampler = sampler(gpu);
+        let sampler = gpu.linear_sampler("atlas");
         let view = |texture: &wgpu::Texture| texture.create_view(&Default::default());
         let atlases: Vec<_> = pools.iter().map(|pool| view(&pool.atlas.texture)).collect();
         let gradients: Vec<_> =
@@ -32,58 +32,26 @@ impl SharedBuffers {
         let mut entries = own;
         entries.push(entry(bindings::ATLAS_SAMPLER, BindingResource::Sampler(&sampler)));
         entries.extend(textures.map(|(at, view)| entry(at, BindingResource::TextureView(view))));
-        gpu.device.create_bind_group(&wgpu::BindGroupDescriptor { label: Some("march"), layout, entries: &entries })
+        gpu.bind_group("march", layout, &entries)
     }
 
+    /// The bind group of a pass that resolves a layer's gathered samples, or, if there are any, sums of joined layers.
     pub(crate) fn resolve_bindings(
         &self,
         gpu: &Gpu,
-        layout: &wgpu::BindGroupLayout,
+        layouts: &Layouts,
         layer: &Parts,
-        targets: &Targets,
+        gathered: &wgpu::TextureView,
+        sums: Option<&[wgpu::TextureView; 2]>,
     ) -> wgpu::BindGroup {
-        gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
-            label: Some("resolve"),
-            layout,
-            entries: &[
-                entry(bindings::FRAMES, layer.frame.of(&self.frame)),
-                entry(bindings::TABLE, layer.table.of(&self.table)),
-                entry(bindings::GATHERED, BindingResource::TextureView(&targets.gathered)),
-            ],
-        })
-    }
-
-    pub(crate) fn joined_bindings(
-        &self,
-        gpu: &Gpu,
-        layout: &wgpu::BindGroupLayout,
-        layer: &Parts,
-        [mixed, emission]: &[wgpu::TextureView; 2],
-    ) -> wgpu::BindGroup {
-        gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
-            label: Some("joined"),
-            layout,
-            entries: &[
-                entry(bindings::FRAMES, layer.frame.of(&self.frame)),
-                entry(bindings::GATHERED, BindingResource::TextureView(mixed)),
-                entry(bindings::EMISSION, BindingResource::TextureView(emission)),
-            ],
-        })
-    }
-
-    /// Queues the last pass of a picture, which produces its display colours.
-    pub(crate) fn resolve(
-        &self,
-        encoder: &mut wgpu::CommandEncoder,
-        targets: &Targets,
-        show: impl FnOnce(&mut wgpu::RenderPass<'_>),
-    ) {
-        show(&mut encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
-            label: Some("resolve"),
-            color_attachments: &[attachment(&targets.display_view, wgpu::LoadOp::Clear(wgpu::Color::BLACK))],
-            timestamp_writes: self.timestamp_writes(None, Some(1)),
-            ..Default::default()
-        }));
+        let frames = entry(bindings::FRAMES, layer.frame.of(&self.frame));
+        let view = |binding, view| entry(binding, BindingResource::TextureView(view));
+        if let Some([mixed, emission]) = sums {
+            let entries = [frames, view(bindings::GATHERED, mixed), view(bindings::EMISSION, emission)];
+            return gpu.bind_group("joined", &layouts.joined, &entries);
+        }
+        let table = entry(bindings::TABLE, layer.table.of(&self.table));
+        gpu.bind_group("resolve", &layouts.resolve, &[frames, table, view(bindings::GATHERED, gathered)])
     }
 
     /// Queues the copy of the picture's timestamps, if any, to a buffer.
@@ -108,6 +76,39 @@ impl SharedBuffers {
     }
 }
 
+/// The bind groups of a compositor's marches.
+#[derive(Debug)]
+pub(crate) struct MarchBindings {
+    /// Each layer's own.
+    each: Vec<wgpu::BindGroup>,
+    /// Through all layers.
+    joint: wgpu::BindGroup,
+}
+
+impl MarchBindings {
+    /// `own` returns the entries for frames, tables and the compositor: of a layer, or of all.
+    pub(crate) fn new<'a>(
+        gpu: &Gpu,
+        layouts: &Layouts,
+        shared: &SharedBuffers,
+        (layers, pools): (&[GpuLayer], &[Pool]),
+        own: impl Fn(Option<(&GpuLayer, &Pool)>) -> Vec<wgpu::BindGroupEntry<'a>>,
+    ) -> Self {
+        let of = |layer: &GpuLayer| {
+            let pool = &pools[layer.pool];
+            let layout = layouts.march(pool.is_float());
+            shared.bindings(gpu, layout, std::slice::from_ref(pool), own(Some((layer, pool))))
+        };
+        let joint = shared.bindings(gpu, &layouts.joint, pools, own(None));
+        Self { each: layers.iter().map(of).collect(), joint }
+    }
+
+    /// Returns a layer's bind group, or that of all.
+    pub(crate) fn of(&self, layer: Option<usize>) -> &wgpu::BindGroup {
+        layer.map_or(&self.joint, |layer| &self.each[layer])
+    }
+}
+
 /// Draws one triangle over the whole picture.
 pub(crate) fn draw_over_all(
     pass: &mut wgpu::RenderPass<'_>,
@@ -117,15 +118,6 @@ pub(crate) fn draw_over_all(
     pass.set_pipeline(pipeline);
     pass.set_bind_group(0, bindings, &[]);
     pass.draw(0..3, 0..1);
-}
-
-fn sampler(gpu: &Gpu) -> wgpu::Sampler {
-    gpu.device.create_sampler(&wgpu::SamplerDescriptor {
-        label: Some("atlas"),
-        mag_filter: wgpu::FilterMode::Linear,
-        min_filter: wgpu::FilterMode::Linear,
-        ..Default::default()
-    })
 }
 
 /// Pixels per submission of rays: even a slow GPU then takes well under a second, and no watchdog sees a hang.
@@ -225,13 +217,9 @@ impl Gathering<'_> {
         let at = self.frame.at + std::mem::offset_of!(FrameUniform, first_px) as u64;
         let PixelRect { x0, x1, .. } = self.rect;
         gpu.queue.write_buffer(&self.shared.frame, at, bytemuck::bytes_of(&(x0 | band.top << 16)));
-        let texels = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
-            label: Some("texels"),
-            layout: &pipeline.get_bind_group_layout(TEXELS_GROUP),
-            entries: &[entry(bindings::TEXELS, BindingResource::TextureView(self.target))],
-        });
-        let mut encoder = gpu.device.create_command_encoder(&Default::default());
-        {
+        let entries = [entry(bindings::TEXELS, BindingResource::TextureView(self.target))];
+        let texels = gpu.bind_group("texels", &pipeline.get_bind_group_layout(TEXELS_GROUP), &entries);
+        gpu.submit(|encoder| {
             let writes = self.shared.timestamp_writes((band.is_first && self.is_begin).then_some(0), None);
             let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
                 label: Some("march"),
@@ -248,8 +236,7 @@ impl Gathering<'_> {
             }
             pass.set_bind_group(TEXELS_GROUP, &texels, &[]);
             pass.dispatch_workgroups((x1 - x0).div_ceil(WORKGROUP_PX), band.rows.div_ceil(WORKGROUP_PX), 1);
-        }
-        gpu.queue.submit([encoder.finish()])
+        })
     }
 
     /// Submits one pass of a fragment shader into the target. `is_first` clears the target first.
@@ -262,23 +249,32 @@ impl Gathering<'_> {
         draw: impl FnOnce(&mut wgpu::RenderPass<'_>),
     ) -> wgpu::SubmissionIndex {
         let load = if is_first { wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT) } else { wgpu::LoadOp::Load };
-        let mut encoder = gpu.device.create_command_encoder(&Default::default());
-        {
-            let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
-                label: Some("march"),
-                color_attachments: &[attachment(self.target, load)],
-                timestamp_writes: self.shared.timestamp_writes((is_first && self.is_begin).then_some(0), None),
-                ..Default::default()
-            });
+        gpu.submit(|encoder| {
+            let writes = self.shared.timestamp_writes((is_first && self.is_begin).then_some(0), None);
+            let mut pass = color_pass(encoder, "march", &[attachment(self.target, load)], writes);
             pass.set_pipeline(pipeline);
             pass.set_bind_group(0, bindings, &[]);
             if let Some(limits) = self.limits {
                 pass.set_bind_group(1, limits, &[]);
             }
             draw(&mut pass);
-        }
-        gpu.queue.submit([encoder.finish()])
+        })
     }
+}
+
+/// Begins a pass into colours alone.
+pub(crate) fn color_pass<'a>(
+    encoder: &'a mut wgpu::CommandEncoder,
+    label: &str,
+    color_attachments: &[Option<wgpu::RenderPassColorAttachment<'_>>],
+    timestamp_writes: Option<wgpu::RenderPassTimestampWrites<'_>>,
+) -> wgpu::RenderPass<'a> {
+    encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+        label: Some(label),
+        color_attachments,
+        timestamp_writes,
+        ..Default::default()
+    })
 }
 
 pub(crate) fn attachment(

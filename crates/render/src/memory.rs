@@ -1,9 +1,10 @@
 //! The GPU budget: the picture's targets, tables, staging and read-back come first; pools of slots get the rest, each
 //! slot with the compositor's data for it.
 
+use crate::GpuError;
 use crate::adapter::GpuFormats;
-use crate::atlas::{AtlasPlan, slot_bytes};
-use crate::error::GpuError;
+use crate::atlas::{AtlasPlan, slot_bytes, texel_bytes};
+use crate::pipelines::DISPLAY_FORMAT;
 use crate::transfer_table::{COMBINED, TableCapacity};
 use crate::upload::{MAX_BATCH, staging_bytes};
 use brickyard_pager::{BudgetRequest, VolumeNeeds, pools, share};
@@ -126,24 +127,22 @@ struct Ask {
 
 /// Returns the bytes of a row of the read-back buffer, padded as copies require.
 pub(crate) fn read_back_row_bytes(width_px: u32) -> u64 {
-    (width_px as u64 * 4).next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT as u64)
+    (width_px as u64 * texel_bytes(DISPLAY_FORMAT)).next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT as u64)
 }
 
-pub(crate) fn target_bytes(format: TextureFormat) -> u64 {
-    match format {
-        TextureFormat::Rgba32Float => 16,
-        TextureFormat::Rgba16Float | TextureFormat::Rg32Float => 8,
-        _ => 4,
-    }
+/// Returns the bytes of a pixel in a picture's targets: gathered samples, the two sums of joined projections, and the
+/// finished picture.
+pub(crate) fn pixel_bytes(gathered: u64, formats: &GpuFormats, is_joined: bool) -> u64 {
+    let sums = if is_joined { 2 * texel_bytes(formats.composite) } else { 0 };
+    gathered + sums + texel_bytes(DISPLAY_FORMAT)
 }
 
 /// Returns the bytes of a picture's targets, read-back buffer and answers. `is_joined` adds the two sums of joined
 /// projections.
 pub(crate) fn picture_bytes(formats: &GpuFormats, (width_px, height_px): (u32, u32), is_joined: bool) -> u64 {
     let pixels = width_px as u64 * height_px as u64;
-    let gather = target_bytes(formats.composite).max(target_bytes(formats.project));
-    let sums = if is_joined { 2 * target_bytes(formats.composite) } else { 0 };
-    pixels * (gather + sums + 4)
+    let gather = texel_bytes(formats.composite).max(texel_bytes(formats.project));
+    pixels * pixel_bytes(gather, formats, is_joined)
         + read_back_row_bytes(width_px) * height_px as u64
         + (1 + ANSWERS) * TIMESTAMP_BYTES
         + ANSWERS * COUNTS_BYTES
@@ -151,6 +150,9 @@ pub(crate) fn picture_bytes(formats: &GpuFormats, (width_px, height_px): (u32, u
 
 /// Format of the colours of a layer of meshes, finer than a picture's.
 pub(crate) const COLOR_FORMAT: TextureFormat = TextureFormat::Rgba16Float;
+
+/// Format of distances to a layer of meshes, as shares of [`Meshes::far`](crate::meshes::Meshes::far).
+pub(crate) const DEPTH_FORMAT: TextureFormat = TextureFormat::Depth32Float;
 
 /// Format of the triangle number in each pixel of a layer of meshes.
 pub(crate) const NUMBER_FORMAT: TextureFormat = TextureFormat::R32Uint;
@@ -169,13 +171,9 @@ pub(crate) fn mesh_bytes(room: MeshCapacity, pixels: u64, front: TextureFormat) 
     if room.is_none() {
         return 0;
     }
-    let per_pixel = 2 * (4 + target_bytes(NUMBER_FORMAT)) + target_bytes(COLOR_FORMAT) + target_bytes(front);
+    let per_layer = texel_bytes(DEPTH_FORMAT) + texel_bytes(NUMBER_FORMAT);
+    let per_pixel = 2 * per_layer + texel_bytes(COLOR_FORMAT) + texel_bytes(front);
     2 * geometry_bytes(room).iter().sum::<u64>() + 2 * COUNTS_BYTES + pixels * per_pixel
-}
-
-/// Returns the bytes of the largest mesh buffer visible to shaders.
-pub(crate) fn largest_mesh_bytes(room: MeshCapacity) -> u64 {
-    geometry_bytes(room).into_iter().max().unwrap_or(0)
 }
 
 impl MemoryNeeds<'_> {
@@ -217,9 +215,9 @@ impl MemoryNeeds<'_> {
 
     /// All bytes independent of slots and batches.
     fn small_bytes(&self, asks: &[Ask]) -> Result<u64, GpuError> {
-        let (width_px, height_px) = self.max_size_px;
+        let pixels = u64::from(self.max_size_px.0) * u64::from(self.max_size_px.1);
         let room = self.layers[0].bricks.meshes;
-        let largest = largest_mesh_bytes(room);
+        let largest = geometry_bytes(room).into_iter().fold(0, u64::max);
         if largest > self.max_binding_bytes {
             return Err(GpuError::Meshes { bytes: largest, limit_bytes: self.max_binding_bytes });
         }
@@ -228,10 +226,10 @@ impl MemoryNeeds<'_> {
             Some(_) => 0,
         };
         let combined = if self.has_expressions { TableCapacity::of_places(COMBINED).bytes_staged() } else { 0 };
-        let left_eye = if self.has_two_eyes { width_px as u64 * height_px as u64 * 4 } else { 0 };
+        let left_eye = if self.has_two_eyes { pixels * texel_bytes(DISPLAY_FORMAT) } else { 0 };
         Ok(picture_bytes(&self.formats, self.max_size_px, self.layers.len() > 1)
             + left_eye
-            + mesh_bytes(room, width_px as u64 * height_px as u64, self.formats.composite)
+            + mesh_bytes(room, pixels, self.formats.composite)
             + compositor
             + combined
             + size_of::<FrameUniform>() as u64
@@ -260,11 +258,10 @@ impl MemoryPlan {
         let request =
             |ask: &Ask| BudgetRequest { bytes: ask.slot_bytes + ask.beside_bytes, least: ask.least, most: ask.most };
         let requests: Vec<BudgetRequest> = asks.iter().map(request).collect();
+        let least_slots_bytes: u64 = requests.iter().map(|request| request.least * request.bytes).sum();
         let too_little = || GpuError::Budget {
             given_bytes: needs.budget_bytes,
-            least_bytes: small
-                + batches * staging
-                + requests.iter().map(|request| request.least * request.bytes).sum::<u64>(),
+            least_bytes: small + batches * staging + least_slots_bytes,
             width_px: needs.max_size_px.0,
             height_px: needs.max_size_px.1,
             slot_edge: asks.iter().map(|ask| ask.slot_edge).max().unwrap_or(0),
@@ -289,16 +286,10 @@ impl MemoryPlan {
 
     /// Returns the bytes of all pools' octrees, of the bricks in their leaves, and of the marks.
     pub(crate) fn list_bytes(&self) -> [u64; 3] {
-        let mut sums = [0; 3];
-        for PoolPlan { atlas, raycast, .. } in &self.pools {
-            let of = |plan: &RaycastPlan| {
-                let slots = atlas.slots();
-                [plan.nodes_bytes(slots), plan.bricks_bytes(slots), plan.marks_bytes(slots)]
-            };
-            let own = raycast.as_ref().map_or([0; 3], of);
-            sums = std::array::from_fn(|i| sums[i] + own[i]);
-        }
-        sums
+        let casting = self.pools.iter().filter_map(|pool| Some((pool.raycast?, pool.atlas.slots())));
+        casting.fold([0; 3], |[nodes, bricks, marks], (plan, slots)| {
+            [nodes + plan.nodes_bytes(slots), bricks + plan.bricks_bytes(slots), marks + plan.marks_bytes(slots)]
+        })
     }
 }
 

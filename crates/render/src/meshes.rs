@@ -11,14 +11,13 @@
 //! at the start if pictures will have meshes, and recreated with the device.
 
 use crate::buffer_parts::Part;
-use crate::buffers::{SharedBuffers, buffer, entry};
-use crate::error::GpuError;
-use crate::gpu::Gpu;
+use crate::buffers::{self, SharedBuffers, buffer, entry};
 use crate::layouts::{MeshLayouts, bind_group_layout, storage, texture, texture_of};
 use crate::mapping::Mapping;
-use crate::march::attachment;
-use crate::memory::{COLOR_FORMAT, COUNTS_BYTES, MOST_LAYERS, NUMBER_FORMAT, geometry_bytes, mesh_bytes};
+use crate::march::{attachment, color_pass, draw_over_all};
+use crate::memory::{COLOR_FORMAT, COUNTS_BYTES, DEPTH_FORMAT, MOST_LAYERS, NUMBER_FORMAT, geometry_bytes, mesh_bytes};
 use crate::pipelines::{DISPLAY_FORMAT, Shape, pipeline};
+use crate::{Gpu, GpuError};
 use brickyard_shaders::{MeshLook, MeshVertex, Seen, Shown, bindings, peel, resolve};
 use brickyard_volume::{FrameSettings, Geometry, Mesh, MeshCapacity, ShownMesh, ViewRays};
 use glam::DVec3;
@@ -26,8 +25,6 @@ use std::ops::Range;
 use std::sync::Arc;
 use wgpu::{BindingResource, BufferUsages, Color, LoadOp, ShaderStages, TextureFormat, TextureUsages};
 
-/// Format of distances, as shares of [`Meshes::far`].
-const DEPTH_FORMAT: TextureFormat = TextureFormat::Depth32Float;
 /// Vertices or triangles prepared for the GPU at once.
 const CHUNK: usize = 1 << 16;
 const COUNT_BYTES: u64 = 8;
@@ -42,10 +39,10 @@ pub(crate) struct Meshes {
     looks: wgpu::Buffer,
     bindings: wgpu::BindGroup,
     peel: wgpu::RenderPipeline,
-    show: wgpu::RenderPipeline,
+    /// Shows the picture composed of all slabs ([`Peeled::all`]) as display colours.
+    pub(crate) show: wgpu::RenderPipeline,
     before: wgpu::BindGroupLayout,
-    limits: wgpu::BindGroupLayout,
-    layer: wgpu::BindGroupLayout,
+    pub(crate) layouts: MeshLayouts,
     gathered: wgpu::BindGroupLayout,
     /// A query for each counted layer, and their results.
     query: wgpu::QuerySet,
@@ -83,37 +80,21 @@ impl Meshes {
         let fragment = ShaderStages::FRAGMENT;
         let depth = texture_of(wgpu::TextureSampleType::Depth);
         let both = ShaderStages::VERTEX_FRAGMENT;
-        let own = bind_group_layout(
-            gpu,
-            "meshes",
-            &[
-                (bindings::FRAMES, both, storage()),
-                (bindings::VERTICES, both, storage()),
-                (bindings::CORNERS, both, storage()),
-                (bindings::LOOKS, fragment, storage()),
-            ],
-        );
+        let of_meshes = [
+            (bindings::FRAMES, both, storage()),
+            (bindings::VERTICES, both, storage()),
+            (bindings::CORNERS, both, storage()),
+            (bindings::LOOKS, fragment, storage()),
+        ];
+        let own = bind_group_layout(gpu, "meshes", &of_meshes);
         let number = texture_of(wgpu::TextureSampleType::Uint);
         let flat = texture(wgpu::TextureViewDimension::D2, false);
-        let before = bind_group_layout(
-            gpu,
-            "before",
-            &[
-                (bindings::NEAR_LAYER, fragment, depth),
-                (bindings::NEAR_NUMBER, fragment, number),
-                (bindings::FRONT, fragment, flat),
-            ],
-        );
-        let marching = fragment | ShaderStages::COMPUTE;
-        let limits = bind_group_layout(
-            gpu,
-            "limits",
-            &[
-                (bindings::NEAR_LAYER, marching, depth),
-                (bindings::FAR_LAYER, marching, depth),
-                (bindings::FRONT, marching, flat),
-            ],
-        );
+        let of_peeling = [(bindings::NEAR_LAYER, depth), (bindings::NEAR_NUMBER, number), (bindings::FRONT, flat)];
+        let of_peeling = of_peeling.map(|(binding, ty)| (binding, fragment, ty));
+        let before = bind_group_layout(gpu, "before", &of_peeling);
+        let of_marches = [(bindings::NEAR_LAYER, depth), (bindings::FAR_LAYER, depth), (bindings::FRONT, flat)];
+        let of_marches = of_marches.map(|(binding, ty)| (binding, fragment | ShaderStages::COMPUTE, ty));
+        let limits = bind_group_layout(gpu, "limits", &of_marches);
         let layer = bind_group_layout(gpu, "layer", &[(bindings::LAYER_COLOR, fragment, flat)]);
         let of_slabs = [(bindings::FRAMES, fragment, storage()), (bindings::GATHERED, fragment, flat)];
         let gathered = bind_group_layout(gpu, "slabs", &of_slabs);
@@ -129,11 +110,7 @@ impl Meshes {
             entry(bindings::CORNERS, corners.as_entire_binding()),
             entry(bindings::LOOKS, looks.as_entire_binding()),
         ];
-        let bindings = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
-            label: Some("meshes"),
-            layout: &own,
-            entries: &entries,
-        });
+        let bindings = gpu.bind_group("meshes", &own, &entries);
         let descriptor =
             wgpu::QuerySetDescriptor { label: Some("layer"), ty: wgpu::QueryType::Occlusion, count: MOST_LAYERS };
         let query = gpu.device.create_query_set(&descriptor);
@@ -150,15 +127,8 @@ impl Meshes {
         let shape = Shape { depth_stencil: Some(nearest), ..Shape::default() };
         let targets = [COLOR_FORMAT.into(), NUMBER_FORMAT.into()];
         let peel = pipeline(gpu, &peel(), &[&own, &before], ["corner", "peel"], shape, &targets);
-        let display = [DISPLAY_FORMAT.into()];
-        let show = pipeline(
-            gpu,
-            &resolve(Seen::Slabs, Shown::Picture),
-            &[&gathered],
-            ["fullscreen", "resolve"],
-            Shape::default(),
-            &display,
-        );
+        let (source, entries) = (resolve(Seen::Slabs, Shown::Picture), ["fullscreen", "resolve"]);
+        let show = pipeline(gpu, &source, &[&gathered], entries, Shape::default(), &[DISPLAY_FORMAT.into()]);
         Ok(Self {
             vertices,
             corners,
@@ -167,8 +137,7 @@ impl Meshes {
             peel,
             show,
             before,
-            limits,
-            layer,
+            layouts: MeshLayouts { limits, layer },
             gathered,
             query,
             counted,
@@ -182,10 +151,6 @@ impl Meshes {
             held: Vec::new(),
             geometry: None,
         })
-    }
-
-    pub(crate) fn layouts(&self) -> MeshLayouts {
-        MeshLayouts { limits: self.limits.clone(), layer: self.layer.clone() }
     }
 
     /// Sends a frame's meshes to the GPU if they have changed, and their colours and opacities.
@@ -258,14 +223,12 @@ impl Meshes {
     ) -> Result<bool, GpuError> {
         let is_counted = is_counted(frame);
         let query = if waits { 0 } else { number.min(MOST_LAYERS - 1) };
+        let clear = LoadOp::Clear(Color::TRANSPARENT);
         let mut encoder = gpu.device.create_command_encoder(&Default::default());
         {
             let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
                 label: Some("peel"),
-                color_attachments: &[
-                    attachment(&layers.color, LoadOp::Clear(Color::TRANSPARENT)),
-                    attachment(&layers.numbers[layers.far], LoadOp::Clear(Color::TRANSPARENT)),
-                ],
+                color_attachments: &[attachment(&layers.color, clear), attachment(&layers.numbers[layers.far], clear)],
                 depth_stencil_attachment: Some(depth_attachment(&layers.depths[layers.far], 1.0)),
                 occlusion_query_set: is_counted.then_some(&self.query),
                 ..Default::default()
@@ -332,13 +295,6 @@ impl Meshes {
         let expected = if self.is_short { 2 * found } else { found + 1 };
         self.expected = expected.clamp(1, MOST_LAYERS);
     }
-
-    /// Draws the picture composed of all slabs, as display colours.
-    pub(crate) fn show<'a>(&'a self, pass: &mut wgpu::RenderPass<'_>, layers: &'a Peeled) {
-        pass.set_pipeline(&self.show);
-        pass.set_bind_group(0, &layers.all, &[]);
-        pass.draw(0..3, 0..1);
-    }
 }
 
 /// Whether a frame has translucent meshes, so that there may be layers behind the first.
@@ -398,7 +354,7 @@ pub(crate) struct Peeled {
     before: [wgpu::BindGroup; 2],
     limits: [wgpu::BindGroup; 2],
     layer: wgpu::BindGroup,
-    all: wgpu::BindGroup,
+    pub(crate) all: wgpu::BindGroup,
 }
 
 impl Peeled {
@@ -410,18 +366,11 @@ impl Peeled {
     ) -> Result<Self, GpuError> {
         let front_format = gpu.report.formats.composite;
         let pixels = size_px.0 as u64 * size_px.1 as u64;
+        let size = wgpu::Extent3d { width: size_px.0, height: size_px.1, depth_or_array_layers: 1 };
+        let shape = (size, wgpu::TextureDimension::D2);
+        let usage = TextureUsages::RENDER_ATTACHMENT | TextureUsages::TEXTURE_BINDING;
         let target = |device: &wgpu::Device, format: TextureFormat| {
-            let descriptor = wgpu::TextureDescriptor {
-                label: Some("layer"),
-                size: wgpu::Extent3d { width: size_px.0, height: size_px.1, depth_or_array_layers: 1 },
-                mip_level_count: 1,
-                sample_count: 1,
-                dimension: wgpu::TextureDimension::D2,
-                format,
-                usage: TextureUsages::RENDER_ATTACHMENT | TextureUsages::TEXTURE_BINDING,
-                view_formats: &[],
-            };
-            device.create_texture(&descriptor).create_view(&Default::default())
+            buffers::texture(device, "layer", shape, format, usage).create_view(&Default::default())
         };
         let all_bytes = mesh_bytes(MeshCapacity { triangles: 1, ..MeshCapacity::NONE }, pixels, front_format);
         let (depths, numbers, color, front) = gpu.allocate("the meshes' layers", all_bytes, |device| {
@@ -429,9 +378,7 @@ impl Peeled {
             (two(DEPTH_FORMAT), two(NUMBER_FORMAT), target(device, COLOR_FORMAT), target(device, front_format))
         })?;
         let view = |binding, view| entry(binding, BindingResource::TextureView(view));
-        let group = |layout, entries: &[wgpu::BindGroupEntry<'_>]| {
-            gpu.device.create_bind_group(&wgpu::BindGroupDescriptor { label: Some("layer"), layout, entries })
-        };
+        let group = |layout, entries: &[wgpu::BindGroupEntry<'_>]| gpu.bind_group("layer", layout, entries);
         let of = |far: usize| (&depths[1 - far], &depths[far], &numbers[1 - far]);
         let before = [0, 1].map(|far| {
             let (near, _, number) = of(far);
@@ -441,9 +388,9 @@ impl Peeled {
         let limits = [0, 1].map(|i| {
             let (near, far, _) = of(i);
             let (near, far) = (view(bindings::NEAR_LAYER, near), view(bindings::FAR_LAYER, far));
-            group(&meshes.limits, &[near, far, view(bindings::FRONT, &front)])
+            group(&meshes.layouts.limits, &[near, far, view(bindings::FRONT, &front)])
         });
-        let layer = group(&meshes.layer, &[view(bindings::LAYER_COLOR, &color)]);
+        let layer = group(&meshes.layouts.layer, &[view(bindings::LAYER_COLOR, &color)]);
         let frame = entry(bindings::FRAMES, meshes.frame.of(&shared.frame));
         let all = group(&meshes.gathered, &[frame, view(bindings::GATHERED, &front)]);
         Ok(Self { size_px, depths, numbers, far: 0, color, front, before, limits, layer, all })
@@ -456,17 +403,14 @@ impl Peeled {
     /// Begins a picture: clears the picture in front, and the layer before.
     pub(crate) fn clear(&mut self, gpu: &Gpu) {
         self.far = 0;
-        let mut encoder = gpu.device.create_command_encoder(&Default::default());
-        encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+        let clear = LoadOp::Clear(Color::TRANSPARENT);
+        let descriptor = wgpu::RenderPassDescriptor {
             label: Some("no layer"),
-            color_attachments: &[
-                attachment(&self.front, LoadOp::Clear(Color::TRANSPARENT)),
-                attachment(&self.numbers[1], LoadOp::Clear(Color::TRANSPARENT)),
-            ],
+            color_attachments: &[attachment(&self.front, clear), attachment(&self.numbers[1], clear)],
             depth_stencil_attachment: Some(depth_attachment(&self.depths[1], 0.0)),
             ..Default::default()
-        });
-        gpu.queue.submit([encoder.finish()]);
+        };
+        gpu.submit(|encoder| drop(encoder.begin_render_pass(&descriptor)));
     }
 
     /// Advances to the next slab: the layer behind the last one becomes the layer before it.
@@ -480,18 +424,10 @@ impl Peeled {
 
     /// Blends the slab and the layer behind it behind the picture in front.
     pub(crate) fn compose(&self, gpu: &Gpu, pipeline: &wgpu::RenderPipeline, resolve: &wgpu::BindGroup) {
-        let mut encoder = gpu.device.create_command_encoder(&Default::default());
-        {
-            let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
-                label: Some("slab"),
-                color_attachments: &[attachment(&self.front, LoadOp::Load)],
-                ..Default::default()
-            });
-            pass.set_pipeline(pipeline);
-            pass.set_bind_group(0, resolve, &[]);
+        gpu.submit(|encoder| {
+            let mut pass = color_pass(encoder, "slab", &[attachment(&self.front, LoadOp::Load)], None);
             pass.set_bind_group(1, &self.layer, &[]);
-            pass.draw(0..3, 0..1);
-        }
-        gpu.queue.submit([encoder.finish()]);
+            draw_over_all(&mut pass, pipeline, resolve);
+        });
     }
 }

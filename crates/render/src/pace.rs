@@ -6,8 +6,7 @@
 //! of unknown speed, is waited for itself. The slowest pixels so far set the pace; later ones may be slower, so reads
 //! are bounded as well.
 
-use crate::error::GpuError;
-use crate::gpu::Gpu;
+use crate::{Gpu, GpuError};
 use std::cell::{Cell, RefCell};
 use std::time::{Duration, Instant};
 
@@ -28,7 +27,8 @@ const MOST_READS: f64 = (1 << 27) as f64;
 /// The pace of one picture. Without a deadline, all submissions are as large as possible.
 #[derive(Debug)]
 pub(crate) struct Pace {
-    until: Option<Instant>,
+    /// When the picture is given up; `None` never.
+    pub(crate) until: Option<Instant>,
     pixels: Cell<u32>,
     /// Seconds per pixel in the slowest submission.
     slowest_s: Cell<f64>,
@@ -60,10 +60,6 @@ impl Pace {
     /// Starts the next picture, which is given up at `until`; `None` never. It begins at the last picture's pace.
     pub(crate) fn restart(&mut self, until: Option<Instant>) {
         *self = Self { until, pixels: self.pixels.clone(), is_known: self.is_known.clone(), ..Self::new() };
-    }
-
-    pub(crate) fn until(&self) -> Option<Instant> {
-        self.until
     }
 
     /// The most pixels for the next submission, with at most `reads` texture reads per ray.

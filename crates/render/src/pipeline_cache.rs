@@ -4,7 +4,7 @@
 //! Each is compiled once, by whichever side comes first; a picture waits for the thread if it is compiling the needed
 //! pipeline. A failure is an error of the picture that needs the pipeline; the next picture tries again.
 
-use crate::error::GpuError;
+use crate::GpuError;
 use crate::pipelines::{Maker, Pipeline, Wanted};
 use std::collections::HashMap;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, OnceLock, PoisonError};

@@ -2,11 +2,9 @@
 //! independent of frames, and works on any thread (`pipeline_cache`).
 
 use crate::adapter::GpuFormats;
-use crate::compositor::Compositor;
-use crate::error::GpuError;
-use crate::gpu::Gpu;
 use crate::layouts::{Layouts, MeshLayouts, bind_group_layout};
 use crate::variant::Shader;
+use crate::{Compositor, Gpu, GpuError};
 use brickyard_shaders::{Gather, Seen, Shown, Stage, bindings, raycast, raycast_joint, resolve, sorted, sorted_joint};
 use wgpu::{
     BindingType, BlendComponent, BlendFactor, BlendOperation, ShaderStages, TextureFormat, TextureViewDimension,
@@ -55,24 +53,21 @@ pub(crate) enum Pipeline {
 
 /// The blending of cells: *over* from back to front, the greater, or the sum.
 fn blend(gather: Gather) -> wgpu::BlendState {
-    let (dst_factor, operation) = match gather {
-        Gather::Composite | Gather::Isosurface => (BlendFactor::OneMinusSrcAlpha, BlendOperation::Add),
-        Gather::Project => (BlendFactor::One, BlendOperation::Max),
-        Gather::Average => (BlendFactor::One, BlendOperation::Add),
-    };
-    let component = BlendComponent { src_factor: BlendFactor::One, dst_factor, operation };
+    match gather {
+        Gather::Composite | Gather::Isosurface => OVER,
+        Gather::Project => alike(BlendFactor::One, BlendOperation::Max),
+        Gather::Average => SUM,
+    }
+}
+
+/// Blends colours and opacity alike: a share of the source with all of the target.
+const fn alike(src_factor: BlendFactor, operation: BlendOperation) -> wgpu::BlendState {
+    let component = BlendComponent { src_factor, dst_factor: BlendFactor::One, operation };
     wgpu::BlendState { color: component, alpha: component }
 }
 
 /// Blends behind the target, premultiplied.
-const BEHIND: wgpu::BlendState = {
-    let component = BlendComponent {
-        src_factor: BlendFactor::OneMinusDstAlpha,
-        dst_factor: BlendFactor::One,
-        operation: BlendOperation::Add,
-    };
-    wgpu::BlendState { color: component, alpha: component }
-};
+const BEHIND: wgpu::BlendState = alike(BlendFactor::OneMinusDstAlpha, BlendOperation::Add);
 
 /// How a render pipeline assembles primitives, and its depth test.
 #[derive(Clone, Default)]
@@ -82,11 +77,7 @@ pub(crate) struct Shape {
 }
 
 /// Adds to the target.
-const SUM: wgpu::BlendState = {
-    let component =
-        BlendComponent { src_factor: BlendFactor::One, dst_factor: BlendFactor::One, operation: BlendOperation::Add };
-    wgpu::BlendState { color: component, alpha: component }
-};
+const SUM: wgpu::BlendState = alike(BlendFactor::One, BlendOperation::Add);
 
 /// Blends over the target, premultiplied.
 const OVER: wgpu::BlendState = wgpu::BlendState::PREMULTIPLIED_ALPHA_BLENDING;
@@ -129,7 +120,7 @@ impl Maker {
     fn march(&self, shader: &Shader) -> Pipeline {
         let Self { gpu, compositor, layouts, meshes } = self;
         let (gather, own) = match shader {
-            Shader::Single(variant) => (variant.gather, layouts.march(variant.is_float)),
+            Shader::Single(variant) => (variant.gather, layouts.march(variant.voxels.is_float)),
             Shader::Joint(_) => (Gather::Composite, &layouts.joint),
         };
         let limits = meshes.as_ref().filter(|_| shader.has_meshes()).map(|meshes| &meshes.limits);

@@ -6,12 +6,11 @@
 use crate::atlas::Atlas;
 use crate::buffer_parts::Part;
 use crate::buffers::RayBuffers;
-use crate::error::GpuError;
 use crate::frame::Framed;
-use crate::gpu::Gpu;
 use crate::leaf_octree::{Slots, Tree, Visibility, pack_range};
 use crate::memory::PoolPlan;
 use crate::upload::Uploader;
+use crate::{Gpu, GpuError};
 use brickyard_pager::{DrawList, Slot, VolumeNeeds};
 use brickyard_volume::macrocells::{self, per_axis};
 use brickyard_volume::{MacroCells, OpaqueCodes, SlotFormat};
@@ -93,19 +92,10 @@ impl Pool {
         self.uploader.upload(gpu, &self.atlas, slot, codes)
     }
 
-    /// Returns the bytes of codes that fit without waiting for the device.
-    pub(crate) fn upload_room_bytes(&mut self) -> u64 {
-        self.uploader.room_bytes(&self.atlas)
-    }
-
     pub(crate) fn check_list(&self, draw: &DrawList) -> Result<(), GpuError> {
-        match draw.cells.iter().find(|cell| cell.slot.0 >= self.slots()) {
-            None => Ok(()),
-            Some(cell) => {
-                let problem = format!("{} is drawn from slot {} of {}", cell.brick, cell.slot.0, self.slots());
-                Err(GpuError::Mismatch(problem))
-            }
-        }
+        let Some(cell) = draw.cells.iter().find(|cell| cell.slot.0 >= self.slots()) else { return Ok(()) };
+        let problem = format!("{} is drawn from slot {} of {}", cell.brick, cell.slot.0, self.slots());
+        Err(GpuError::Mismatch(problem))
     }
 
     /// Builds the octree over a layer's draw list. `opaque` lists the codes with opacity.

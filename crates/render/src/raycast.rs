@@ -10,13 +10,13 @@
 
 use crate::buffer_parts::{Ends, Part};
 use crate::buffers::{RayBuffers, SharedBuffers, buffer, entry};
-use crate::error::GpuError;
-use crate::gpu::Gpu;
 use crate::layer::GpuLayer;
 use crate::layouts::Layouts;
 use crate::leaf_octree::{GROUP, Tree};
+use crate::march::MarchBindings;
 use crate::memory::{MemoryPlan, RaycastPlan};
 use crate::pool::Pool;
+use crate::{Gpu, GpuError};
 use brickyard_shaders::{FrameUniform, RayBrick, bindings};
 use brickyard_volume::macrocells;
 use wgpu::BufferUsages;
@@ -25,9 +25,7 @@ use wgpu::BufferUsages;
 #[derive(Debug)]
 pub(crate) struct Raycast {
     pub(crate) buffers: RayBuffers,
-    /// Each layer's own bind group.
-    pub(crate) bindings: Vec<wgpu::BindGroup>,
-    pub(crate) joint: wgpu::BindGroup,
+    pub(crate) bindings: MarchBindings,
 }
 
 impl Raycast {
@@ -35,7 +33,7 @@ impl Raycast {
         gpu: &Gpu,
         layouts: &Layouts,
         shared: &SharedBuffers,
-        (layers, pools): (&[GpuLayer], &[Pool]),
+        slots: (&[GpuLayer], &[Pool]),
         (ends, memory): (&Ends, &MemoryPlan),
     ) -> Result<Self, GpuError> {
         let [nodes, bricks, marks] = memory.list_bytes();
@@ -52,14 +50,9 @@ impl Raycast {
         let [nodes, bricks, ranges, opaque_before, marks] =
             gpu.allocate("the octrees and the macro-cells", total, make)?;
         let buffers = RayBuffers { nodes, bricks, ranges, opaque_before, marks };
-        let of = |layer: &GpuLayer| {
-            let pool = &pools[layer.pool];
-            let own = buffers.entries(gpu, shared, Some((layer, pool)));
-            shared.bindings(gpu, layouts.march(pool.is_float()), std::slice::from_ref(pool), own)
-        };
-        let own = layers.iter().map(of).collect();
-        let joint = shared.bindings(gpu, &layouts.joint, pools, buffers.entries(gpu, shared, None));
-        Ok(Self { buffers, bindings: own, joint })
+        let own = |layer: Option<(&GpuLayer, &Pool)>| buffers.entries(gpu, shared, layer);
+        let bindings = MarchBindings::new(gpu, layouts, shared, slots, own);
+        Ok(Self { buffers, bindings })
     }
 
     /// Sends octrees over draw lists to the GPU, one behind the other, and writes each one's start into its frame.
@@ -77,13 +70,10 @@ impl Raycast {
         }
         let room = [&self.buffers.nodes, &self.buffers.bricks].map(|buffer| buffer.size() as usize);
         if size_of_val(&nodes[..]) > room[0] || size_of_val(&bricks[..]) > room[1] {
-            return Err(GpuError::Mismatch(format!(
-                "draw lists of {} entries and {} octree nodes: this renderer's slots and levels leave room for {} and {}",
-                bricks.len(),
-                nodes.len(),
-                room[1] / size_of::<RayBrick>(),
-                room[0] / size_of::<u32>()
-            )));
+            let asked = format!("draw lists of {} entries and {} octree nodes", bricks.len(), nodes.len());
+            let (bricks, nodes) = (room[1] / size_of::<RayBrick>(), room[0] / size_of::<u32>());
+            let problem = format!("{asked}: this renderer's slots and levels leave room for {bricks} and {nodes}");
+            return Err(GpuError::Mismatch(problem));
         }
         gpu.queue.write_buffer(&self.buffers.nodes, 0, bytemuck::cast_slice(&nodes));
         gpu.queue.write_buffer(&self.buffers.bricks, 0, bytemuck::cast_slice(&bricks));
@@ -113,17 +103,14 @@ impl RayBuffers {
         shared: &'a SharedBuffers,
         layer: Option<(&GpuLayer, &Pool)>,
     ) -> Vec<wgpu::BindGroupEntry<'a>> {
-        let of = |buffer: &'a wgpu::Buffer, part: Option<Part>| {
-            part.map_or_else(|| buffer.as_entire_binding(), |part| part.of(buffer))
-        };
         let (parts, ranges) = (layer.map(|(layer, _)| layer.parts), layer.map(|(_, pool)| pool.ranges));
         let mut entries = vec![
-            entry(bindings::FRAMES, of(&shared.frame, parts.map(|parts| parts.frame))),
-            entry(bindings::TABLE, of(&shared.table, parts.map(|parts| parts.table))),
+            entry(bindings::FRAMES, Part::of_any(parts.map(|parts| parts.frame), &shared.frame)),
+            entry(bindings::TABLE, Part::of_any(parts.map(|parts| parts.table), &shared.table)),
             entry(bindings::BRICKS, self.bricks.as_entire_binding()),
             entry(bindings::NODES, self.nodes.as_entire_binding()),
-            entry(bindings::RANGES, of(&self.ranges, ranges)),
-            entry(bindings::OPAQUE_BEFORE, of(&self.opaque_before, parts.map(|parts| parts.counts))),
+            entry(bindings::RANGES, Part::of_any(ranges, &self.ranges)),
+            entry(bindings::OPAQUE_BEFORE, Part::of_any(parts.map(|parts| parts.counts), &self.opaque_before)),
         ];
         if gpu.report.feedback {
             entries.push(entry(bindings::MARKS, self.marks.as_entire_binding()));

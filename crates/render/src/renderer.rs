@@ -10,11 +10,7 @@ use crate::adapter::{AdapterReport, GpuPreference};
 use crate::answers::{Answer, Answers};
 use crate::blit::{Blit, LastPicture};
 use crate::buffer_parts::{Ends, Part};
-use crate::buffers::RayBuffers;
-use crate::buffers::SharedBuffers;
-use crate::compositor::Compositor;
-use crate::error::GpuError;
-use crate::gpu::Gpu;
+use crate::buffers::{RayBuffers, SharedBuffers};
 use crate::layer::GpuLayer;
 use crate::layouts::Layouts;
 use crate::memory::{MemoryNeeds, MemoryPlan, PoolPlan};
@@ -26,6 +22,7 @@ use crate::pool::Pool;
 use crate::raycast::Raycast;
 use crate::sorted::Sorted;
 use crate::targets::{Reading, Targets};
+use crate::{Compositor, Gpu, GpuError};
 use brickyard_pager::{Slot, VolumeNeeds, pools};
 use brickyard_shaders::Gather;
 use brickyard_volume::{MAX_VOLUMES, PixelRect, TransferTable};
@@ -287,12 +284,8 @@ impl GpuRenderer {
         let peeled =
             meshes.as_ref().map(|meshes| Peeled::new(&gpu, meshes, &shared, recipe.max_size_px)).transpose()?;
         gpu.check()?;
-        let maker = Maker {
-            gpu: gpu.clone(),
-            compositor,
-            layouts: layouts.clone(),
-            meshes: meshes.as_ref().map(Meshes::layouts),
-        };
+        let of_meshes = meshes.as_ref().map(|meshes| meshes.layouts.clone());
+        let maker = Maker { gpu: gpu.clone(), compositor, layouts: layouts.clone(), meshes: of_meshes };
         Ok(Self {
             recipe,
             memory,
@@ -357,7 +350,7 @@ impl GpuRenderer {
     /// Sets a deadline: from now on, pictures unfinished at this time are given up with [`GpuError::TooLong`]; `None`
     /// gives none up. Submissions are then only as large as the device draws in a moment.
     pub fn draw_until(&mut self, until: Option<Instant>) {
-        if self.pace.until() != until {
+        if self.pace.until != until {
             self.pace.restart(until);
         }
     }
@@ -455,7 +448,8 @@ impl GpuRenderer {
     /// # Panics
     /// If there is no such layer.
     pub fn upload_room_bytes(&mut self, layer: usize) -> u64 {
-        self.pools[self.layers[layer].pool].upload_room_bytes()
+        let pool = &mut self.pools[self.layers[layer].pool];
+        pool.uploader.room_bytes(&pool.atlas)
     }
 
     /// For each entry of a layer's draw list in the last rendered frame, in order, the greatest transmittance with
@@ -477,14 +471,12 @@ impl March {
     }
 }
 
-pub(crate) fn check_size(size: (u32, u32), limit: (u32, u32)) -> Result<(), GpuError> {
-    if size.0 > limit.0 || size.1 > limit.1 {
-        return Err(GpuError::PictureTooLarge {
-            width_px: size.0,
-            height_px: size.1,
-            limit_width_px: limit.0,
-            limit_height_px: limit.1,
-        });
+pub(crate) fn check_size(
+    (width_px, height_px): (u32, u32),
+    (limit_width_px, limit_height_px): (u32, u32),
+) -> Result<(), GpuError> {
+    if width_px > limit_width_px || height_px > limit_height_px {
+        return Err(GpuError::PictureTooLarge { width_px, height_px, limit_width_px, limit_height_px });
     }
     Ok(())
 }

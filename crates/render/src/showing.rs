@@ -3,9 +3,8 @@
 
 use crate::answers::{Answer, Question, Said};
 use crate::blit::Target;
-use crate::error::GpuError;
 use crate::frame_pass::no_target;
-use crate::renderer::GpuRenderer;
+use crate::{GpuError, GpuRenderer};
 use brickyard_pager::Layer;
 use brickyard_shaders::MARK_STEPS;
 use brickyard_volume::{Combination, Picture, StereoLayout};
@@ -111,7 +110,7 @@ impl GpuRenderer {
         self.gpu.clone().scoped(|| {
             let Self { gpu, targets, reading, .. } = self;
             gpu.look()?;
-            if !reading.as_mut().map_or(Ok(false), |reading| reading.is_there(gpu))? {
+            if !reading.as_mut().map_or(Ok(false), |reading| reading.mapping.is_there(gpu))? {
                 return Ok(None);
             }
             let (Some(targets), Some(reading)) = (targets, reading.take()) else { return Err(no_target()) };

@@ -4,15 +4,15 @@
 //! every layer. Where bricks fade in, a cell becomes several boxes, one for each share of the pixels with different
 //! bricks.
 
+use crate::buffer_parts::Part;
 use crate::buffers::{SharedBuffers, buffer, entry};
-use crate::error::GpuError;
 use crate::frame::{cell_brick, cell_instance};
-use crate::gpu::Gpu;
 use crate::layer::GpuLayer;
 use crate::layouts::Layouts;
-use crate::march::Gathering;
+use crate::march::{Gathering, MarchBindings};
 use crate::memory::CELLS_PER_SUBMISSION;
 use crate::pool::Pool;
+use crate::{Gpu, GpuError};
 use brickyard_pager::{DrawCell, DrawList, PixelShare};
 use brickyard_shaders::{CellBrick, CellInstance, bindings};
 use brickyard_volume::{PixelRect, Pyramid};
@@ -23,8 +23,7 @@ use wgpu::BufferUsages;
 pub(crate) struct Sorted {
     cells: wgpu::Buffer,
     bricks: wgpu::Buffer,
-    pub(crate) bindings: Vec<wgpu::BindGroup>,
-    pub(crate) joint: wgpu::BindGroup,
+    pub(crate) bindings: MarchBindings,
 }
 
 /// A layer's draw list, its pyramid, and the pool with its bricks.
@@ -89,7 +88,7 @@ impl Sorted {
         gpu: &Gpu,
         layouts: &Layouts,
         shared: &SharedBuffers,
-        (layers, pools): (&[GpuLayer], &[Pool]),
+        slots: (&[GpuLayer], &[Pool]),
     ) -> Result<Self, GpuError> {
         let sizes = [("cells", size_of::<CellInstance>()), ("cells' bricks", size_of::<CellBrick>())];
         let sizes = sizes.map(|(label, bytes)| (label, (CELLS_PER_SUBMISSION * bytes) as u64));
@@ -97,23 +96,17 @@ impl Sorted {
         let [cells, bricks] = gpu.allocate("cells", sizes.iter().map(|(_, bytes)| bytes).sum(), |device| {
             sizes.map(|(label, bytes)| buffer(device, label, bytes, usage))
         })?;
-        let own = |frame, table| {
+        let own = |layer: Option<(&GpuLayer, &Pool)>| {
+            let parts = layer.map(|(layer, _)| layer.parts);
             vec![
-                entry(bindings::FRAMES, frame),
-                entry(bindings::TABLE, table),
+                entry(bindings::FRAMES, Part::of_any(parts.map(|parts| parts.frame), &shared.frame)),
+                entry(bindings::TABLE, Part::of_any(parts.map(|parts| parts.table), &shared.table)),
                 entry(bindings::CELLS, cells.as_entire_binding()),
                 entry(bindings::CELL_BRICKS, bricks.as_entire_binding()),
             ]
         };
-        let of = |layer: &GpuLayer| {
-            let own = own(layer.parts.frame.of(&shared.frame), layer.parts.table.of(&shared.table));
-            let pool = &pools[layer.pool];
-            shared.bindings(gpu, layouts.march(pool.is_float()), std::slice::from_ref(pool), own)
-        };
-        let each = layers.iter().map(of).collect();
-        let all = own(shared.frame.as_entire_binding(), shared.table.as_entire_binding());
-        let joint = shared.bindings(gpu, &layouts.joint, pools, all);
-        Ok(Self { cells, bricks, bindings: each, joint })
+        let bindings = MarchBindings::new(gpu, layouts, shared, slots, own);
+        Ok(Self { cells, bricks, bindings })
     }
 
     /// Draws boxes in chunks, one submission each, so that no watchdog sees a hang. `is_first` clears the target;

@@ -1,16 +1,15 @@
 //! The targets of pictures of one size, and their read-back.
 
-use crate::buffers::buffer;
-use crate::compositor::Compositor;
-use crate::error::GpuError;
-use crate::gpu::Gpu;
+use crate::atlas::texel_bytes;
+use crate::buffers::{self, buffer};
 use crate::mapping::Mapping;
-use crate::memory::read_back_row_bytes;
+use crate::memory::{pixel_bytes, read_back_row_bytes};
 use crate::pipelines::{DISPLAY_FORMAT, gather_format};
+use crate::{Compositor, Gpu, GpuError};
 use brickyard_shaders::Gather;
 use brickyard_volume::Picture;
 use std::ops::Range;
-use wgpu::{Extent3d, TextureFormat, TextureUsages};
+use wgpu::{Extent3d, TextureUsages};
 
 /// Targets of pictures of one size: gathered samples, display picture, read-back buffer.
 #[derive(Debug)]
@@ -31,7 +30,7 @@ pub(crate) struct Targets {
 /// A picture on its way to the CPU.
 #[derive(Debug)]
 pub(crate) struct Reading {
-    mapping: Mapping,
+    pub(crate) mapping: Mapping,
     width_px: u32,
     height_px: u32,
     /// The rows on their way; others are black.
@@ -47,23 +46,13 @@ impl Targets {
         (width_px, height_px): (u32, u32),
     ) -> Result<Self, GpuError> {
         let size = Extent3d { width: width_px, height: height_px, depth_or_array_layers: 1 };
-        let texture = |device: &wgpu::Device, format: TextureFormat, usage| {
-            device.create_texture(&wgpu::TextureDescriptor {
-                label: Some("target"),
-                size,
-                mip_level_count: 1,
-                sample_count: 1,
-                dimension: wgpu::TextureDimension::D2,
-                format,
-                usage,
-                view_formats: &[],
-            })
-        };
+        let shape = (size, wgpu::TextureDimension::D2);
+        let texture = |device: &wgpu::Device, format, usage| buffers::texture(device, "target", shape, format, usage);
+        let (formats, format) = (&gpu.report.formats, gather_format(gather, compositor, &gpu.report.formats));
         let pixels = width_px as u64 * height_px as u64;
         let rows_bytes = read_back_row_bytes(width_px) * height_px as u64;
-        let texel_bytes = if has_sums { 52 } else { 20 };
-        gpu.allocate("the picture's targets", pixels * texel_bytes + rows_bytes, |device| {
-            let format = gather_format(gather, compositor, &gpu.report.formats);
+        let bytes = pixels * pixel_bytes(texel_bytes(format), formats, has_sums) + rows_bytes;
+        gpu.allocate("the picture's targets", bytes, |device| {
             let written = match compositor {
                 Compositor::Sorted | Compositor::Raycast => TextureUsages::RENDER_ATTACHMENT,
                 Compositor::Compute => TextureUsages::STORAGE_BINDING,
@@ -72,7 +61,7 @@ impl Targets {
             let gathered = gathered.create_view(&Default::default());
             let sum = |_| {
                 let usage = TextureUsages::TEXTURE_BINDING | TextureUsages::RENDER_ATTACHMENT;
-                texture(device, gpu.report.formats.composite, usage).create_view(&Default::default())
+                texture(device, formats.composite, usage).create_view(&Default::default())
             };
             let sums = has_sums.then(|| [0, 1].map(sum));
             let usage = TextureUsages::COPY_SRC | TextureUsages::RENDER_ATTACHMENT | TextureUsages::TEXTURE_BINDING;
@@ -137,15 +126,5 @@ impl Targets {
             self.read_back = Some(buffer);
         }
         Ok(Picture { width: width_px, height: height_px, rgb })
-    }
-}
-
-impl Reading {
-    /// Whether the picture has reached the CPU. Does not poll the device.
-    ///
-    /// # Errors
-    /// If the device is lost.
-    pub(crate) fn is_there(&mut self, gpu: &Gpu) -> Result<bool, GpuError> {
-        self.mapping.is_there(gpu)
     }
 }

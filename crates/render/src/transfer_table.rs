@@ -93,17 +93,10 @@ impl TableCapacity {
     }
 }
 
-/// Words of a transfer table's buffer.
-#[derive(Debug)]
-pub(crate) struct Words {
-    /// The words of the buffer in pairs: places; for each entry the low and high word of each running integral; unused
-    /// room; the jitter mask, one byte per threshold; entries over values and gradients, colour and opacity.
-    pub(crate) words: Vec<[u32; 2]>,
-    /// The value of 1 in the low word of a running integral.
-    pub(crate) sum_unit: f32,
-}
-
-pub(crate) fn words(table: &TransferTable, room: TableCapacity, holds: Places) -> Words {
+/// Returns the words of a transfer table's buffer in pairs: places; for each entry the low and high word of each running
+/// integral; unused room; the jitter mask, one byte per threshold; entries over values and gradients, colour and opacity.
+/// And the value of 1 in the low word of a running integral.
+pub(crate) fn words(table: &TransferTable, room: TableCapacity, holds: Places) -> (Vec<[u32; 2]>, f32) {
     let mut words = places(table, room.codes, holds);
     let mut sum_unit = 0.0;
     if room.has_integrals {
@@ -121,7 +114,7 @@ pub(crate) fn words(table: &TransferTable, room: TableCapacity, holds: Places) -
     if let Some(grid) = table.grid.as_ref().filter(|_| room.has_grid) {
         words.extend(grid.entries.iter().map(|&[r, g, b, alpha]| [pack_color([r, g, b]), alpha.to_bits()]));
     }
-    Words { words, sum_unit }
+    (words, sum_unit)
 }
 
 /// The mask's words, lowest bytes first.
@@ -174,7 +167,7 @@ mod tests {
             assert_eq!(places.len() as u32 - 1, most_places(codes), "one entry a code");
             for has_integrals in [false, true] {
                 let room = TableCapacity { codes, has_integrals, has_grid: false };
-                assert_eq!(words(&table, room, Places::Media).words.len() as u64 * 8, room.bytes());
+                assert_eq!(words(&table, room, Places::Media).0.len() as u64 * 8, room.bytes());
             }
             for (i, ([color, depth], exact)) in places.iter().zip(&colors).enumerate() {
                 let [r, g, b, alpha] = table.lookup(i as f32 / most_places(codes) as f32);
@@ -206,7 +199,7 @@ mod tests {
             };
             let table = TransferTable::new(&transfer, &encoding);
             let room = TableCapacity { codes: encoding.format, has_integrals: true, has_grid: true };
-            let words = words(&table, room, Places::Media).words;
+            let (words, _) = words(&table, room, Places::Media);
             let (entries, grid) = (&words[room.grid_at() as usize..], table.grid.unwrap());
             // A row for each code, and room for the most rows.
             let left = (TransferGrid::MOST_ROWS - grid.rows()) * TransferGrid::COLUMNS;

@@ -5,8 +5,7 @@
 //! beyond the [room](Uploader::room_bytes) wait for the oldest.
 
 use crate::atlas::{Atlas, texel_bytes};
-use crate::error::GpuError;
-use crate::gpu::Gpu;
+use crate::{Gpu, GpuError};
 use brickyard_pager::Slot;
 use brickyard_volume::gradients::NODE_BYTES;
 use brickyard_volume::{GradientNodes, SlotFormat};
@@ -62,12 +61,10 @@ impl Uploader {
         if codes.len() == expected && slot.0 < atlas.plan.slots() {
             return Ok(());
         }
-        Err(GpuError::Mismatch(format!(
-            "brick of {} bytes for slot {}: expected {expected} bytes and a slot below {}",
-            codes.len(),
-            slot.0,
-            atlas.plan.slots()
-        )))
+        let (found, slot, slots) = (codes.len(), slot.0, atlas.plan.slots());
+        let problem =
+            format!("brick of {found} bytes for slot {slot}: expected {expected} bytes and a slot below {slots}");
+        Err(GpuError::Mismatch(problem))
     }
 
     fn voxel_bytes(&self, atlas: &Atlas) -> usize {

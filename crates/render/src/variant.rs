@@ -1,7 +1,7 @@
 //! The shaders needed for a frame: the settings fixed when a pipeline is made.
 
 use crate::frame::Framed;
-use brickyard_shaders::{Gather, JointVariant, Medium, Surfaces, Variant};
+use brickyard_shaders::{Gather, JointVariant, Medium, Surfaces, Variant, Voxels};
 use brickyard_volume::{FrameSettings, Gradient, LightingModel, Mode, Sampling, SlotEncoding, SlotFormat};
 
 /// A march's shader variant: for one layer, or for several together.
@@ -51,6 +51,11 @@ pub(crate) fn medium_of(frame: &FrameSettings, sampling: Sampling, has_surfaces:
     Medium { curve, parts, is_pre_integrated, light, gradient, surfaces, has_grid }
 }
 
+pub(crate) fn voxels_of(encoding: &SlotEncoding) -> Voxels {
+    let SlotEncoding { has_invalid, is_labels, format, .. } = *encoding;
+    Voxels { has_invalid, is_labels, is_float: format == SlotFormat::F32, is_narrow: !encoding.has_whole_table() }
+}
+
 pub(crate) fn variant_of(framed: &Framed<'_>) -> Variant {
     let frame = framed.settings;
     let (gather, sampling) = (gather_of(frame), Sampling { method: frame.method(), ..frame.sampling });
@@ -59,13 +64,9 @@ pub(crate) fn variant_of(framed: &Framed<'_>) -> Variant {
         Gather::Project | Gather::Average | Gather::Isosurface => Medium::PLAIN,
     };
     let has_meshes = !frame.meshes.is_empty();
-    let SlotEncoding { has_invalid, is_labels, format, .. } = frame.encoding;
     Variant {
         gather,
-        has_invalid,
-        is_labels,
-        is_float: format == SlotFormat::F32,
-        is_narrow: !frame.encoding.has_whole_table(),
+        voxels: voxels_of(&frame.encoding),
         filter: frame.sampling.filter,
         medium,
         has_meshes,

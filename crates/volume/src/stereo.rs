@@ -22,7 +22,7 @@ use serde::{Deserialize, Serialize};
 const DEFAULT_SEPARATION: f64 = 1.0 / 30.0;
 
 /// Layouts of the two eyes' pictures.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum StereoLayout {
     /// The left eye's picture in the left half, the right eye's in the right.

@@ -17,10 +17,7 @@ fn march(in: Proxy) -> @location(0) vec4f {
     while (own.x < own.y && walk.start < own.y && light.transmittance >= 1.0 / 4096.0) {
         take_all(walk);
         light = see_all(light);
-        walk = walk_on(walk, whole);
-        if (is_zone_left(walk)) {
-            walk = next_zone(walk, whole);
-        }
+        walk = walk_across(walk, whole);
     }
     return vec4f(light.color, 1.0 - light.transmittance);
 }

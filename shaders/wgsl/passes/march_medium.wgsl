@@ -27,10 +27,7 @@ fn march(in: Proxy) -> @location(0) vec4f {
             // The cell before has taken the first segment.
             pixel.rank = max(pixel.rank, -1);
         }
-        walk = walk_on(walk, stretch);
-        if (is_zone_left(walk)) {
-            walk = next_zone(walk, stretch);
-        }
+        walk = walk_across(walk, stretch);
     }
     return pixel_end(pixel);
 }

@@ -21,10 +21,7 @@ fn march(in: Proxy) -> @location(0) vec4f {
             let way = ray.direction * in.texel_scale * length;
             pixel = take_box(pixel, point * in.texel_scale + in.texel_offset, way, in.texel_scale, length);
         }
-        walk = walk_on(walk, stretch);
-        if (is_zone_left(walk)) {
-            walk = next_zone(walk, stretch);
-        }
+        walk = walk_across(walk, stretch);
     }
     while (own.x < own.y && walk.middle < own.y && !is_final(pixel)) {
         let point = ray.origin + ray.direction * walk.middle;
@@ -32,10 +29,7 @@ fn march(in: Proxy) -> @location(0) vec4f {
         if (is_in_box(box, point) && has_value(value)) {
             pixel = accumulate(pixel, value, walk.end - walk.start);
         }
-        walk = walk_on(walk, stretch);
-        if (is_zone_left(walk)) {
-            walk = next_zone(walk, stretch);
-        }
+        walk = walk_across(walk, stretch);
     }
     return pixel_end(pixel);
 }

@@ -26,10 +26,7 @@ fn march(in: Proxy) -> @location(0) vec4f {
     pixel.side = select(pixel.side, 0.0, is_part && pixel.side > 0.0);
     while (own.x < own.y && walk.middle < last && !is_final(pixel)) {
         pixel = search(pixel, field, walk.start, walk.end);
-        walk = walk_on(walk, stretch);
-        if (is_zone_left(walk)) {
-            walk = next_zone(walk, stretch);
-        }
+        walk = walk_across(walk, stretch);
     }
     return pixel_in(pixel, field, ray);
 }

@@ -2,29 +2,13 @@
 //
 // Distances are not interpolated by the rasteriser: each fragment intersects its pixel's ray with its triangle's plane, so that a
 // layer lies exactly on the ray's samples and has the same distance whenever it is computed.
-//!import bindings frame hidden lighting ray
+//!import MeshLook MeshVertex bindings frame hidden lighting ray
 
 const PLAIN_COLOR: f32 = 0.8;
 const HAS_COLOR: u32 = 1u;
 const HAS_COLORS: u32 = 2u;
 const HAS_NORMALS: u32 = 4u;
 const IS_LIT: u32 = 8u;
-
-// Twin of `MeshVertex` in layout.rs.
-struct MeshVertex {
-    place: vec3f,
-    color: u32,
-    normal: vec3f,
-    spare: f32,
-}
-
-// Twin of `MeshLook` in layout.rs.
-struct MeshLook {
-    color: vec3f,
-    opacity: f32,
-    flags: u32,
-    spare: array<u32, 3>,
-}
 
 @group(0) @binding(VERTICES) var<storage, read> vertices: array<MeshVertex>;
 @group(0) @binding(CORNERS) var<storage, read> corners: array<u32>;

@@ -1,11 +1,6 @@
 // A layer's projection, to be added to those of others: colour times depth, and depth, of a mixing layer; colour times opacity of
 // an adding one. The rule is documented with its CPU twin, the volume crate's `JointMedium`.
-//!import frame fullscreen seen
-
-struct Sums {
-    @location(0) mixed: vec4f,
-    @location(1) emission: vec4f,
-}
+//!import frame fullscreen seen sums
 
 @fragment
 fn resolve(@builtin(position) position: vec4f) -> Sums {

@@ -1,10 +1,5 @@
 // The projection of a layer over others: it covers adding layers, and dims mixing ones by its opacity in the final resolving pass.
-//!import frame fullscreen seen
-
-struct Sums {
-    @location(0) mixed: vec4f,
-    @location(1) top: vec4f,
-}
+//!import frame fullscreen seen sums
 
 @fragment
 fn resolve(@builtin(position) position: vec4f) -> Sums {

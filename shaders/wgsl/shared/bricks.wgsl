@@ -1,20 +1,5 @@
 // Bricks of a draw list, as rays find them.
-//!import bindings context ray
-
-// Twin of `RayBrick` in layout.rs.
-struct RayBrick {
-    // texel = voxel * texel_scale + texel_offset
-    texel_scale: vec3f,
-    // Index of the brick's first macro-cell in `ranges`; NO_RANGES if all of them are visible.
-    first_range: u32,
-    texel_offset: vec3f,
-    // Range of codes of the whole brick.
-    range: u32,
-    // Low corner of the brick's core, in level-0 voxels.
-    low: vec3f,
-    // Pixels with this threshold or a greater one draw the next brick instead.
-    pixels_to: u32,
-}
+//!import RayBrick bindings context ray
 
 const NO_RANGES: u32 = 0xffffffffu;
 @group(0) @binding(BRICKS) var<storage, read> bricks: array<RayBrick>;

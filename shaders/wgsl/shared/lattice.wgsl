@@ -58,6 +58,15 @@ fn walk_on(walk: Walk, stretch: vec2f) -> Walk {
     return Walk(tick, walk.stride, walk.zone_end, walk.end, end, 0.5 * (walk.end + end));
 }
 
+// The next segment, in the next zone after the last of a zone.
+fn walk_across(walk: Walk, stretch: vec2f) -> Walk {
+    var next = walk_on(walk, stretch);
+    if (is_zone_left(next)) {
+        next = next_zone(next, stretch);
+    }
+    return next;
+}
+
 // The first segment after this one whose midpoint lies past `t`; no further than the zone's end.
 fn walk_past(walk: Walk, t: f32, stretch: vec2f) -> Walk {
     let ticks = t / frame.step + 0.5 * f32(walk.stride);

@@ -2,24 +2,7 @@
 //
 // Every fragment recomputes the pixel's ray, its stretch in the whole volume and its lattice, and takes the samples in its cell's
 // half-open box: cells share no sample and omit none, whatever the rasteriser does at edges.
-//!import bindings context dither frame ray world
-
-// Twin of `CellInstance` in layout.rs.
-struct Cell {
-    region_min: vec3f,
-    pixels_from: u32,
-    region_max: vec3f,
-    pixels_to: u32,
-}
-
-// Twin of `CellBrick` in layout.rs.
-struct CellBrick {
-    // texel = voxel * texel_scale + texel_offset
-    texel_scale: vec3f,
-    is_there: u32,
-    texel_offset: vec3f,
-    spare: f32,
-}
+//!import Cell CellBrick bindings context dither frame ray world
 
 @group(0) @binding(CELLS) var<storage, read> cells: array<Cell>;
 // For each cell, one per layer.

@@ -1,0 +1,7 @@
+// What a pass adds to the projections of several layers.
+struct Sums {
+    // Of a mixing layer: colour times depth, and depth.
+    @location(0) mixed: vec4f,
+    // Light of an adding layer, or the colour of one over the others.
+    @location(1) top: vec4f,
+}
