@@ -37,18 +37,18 @@ pub(crate) fn open(path: &Path, options: &OpenOptions) -> Result<RawSource, Impo
             let file = MappedFile::open(&found.body_path)?;
             let length = file.len() as u64;
             if length < expected {
-                let problem = cut_short(&found.array, expected, length);
+                let problem = cut_short(&found.header.array, expected, length);
                 return Err(ImportError::invalid(&found.body_path, problem));
             }
             (file, length - expected)
         }
         Stream::Gzip(stream) => {
-            let (scratch, trailing) = inflate(stream, &found.body_path, &found.array, expected, options)?;
+            let (scratch, trailing) = inflate(stream, &found.body_path, &found.header.array, expected, options)?;
             (MappedFile::of_scratch(&found.body_path, &scratch)?, trailing)
         }
     };
     let info = found.info(trailing)?;
-    RawSource::new(file, found.array, info)?.with_losses(None, options)
+    RawSource::new(file, found.header.array, info)?.with_losses(None, options)
 }
 
 /// Examines a NIfTI file or pair without keeping it open. A compressed one is inflated if its last bytes do not confirm its header's size, or
@@ -56,7 +56,7 @@ pub(crate) fn open(path: &Path, options: &OpenOptions) -> Result<RawSource, Impo
 pub(crate) fn check(path: &Path, options: &OpenOptions) -> Result<StepFile, ImportError> {
     let found = Found::read(path)?;
     let expected = found.bytes()?;
-    let is_seen = found.is_compressed && Losses::may_occur(path, found.array.decode, None, options).is_none();
+    let is_seen = found.is_compressed && Losses::may_occur(path, found.header.array.decode, None, options).is_none();
     if is_seen && inflated_bytes(&found.body_path)? == Some(expected as u32) {
         let info = found.info(0)?;
         let (access, step_time) = (Access::Box, StepTime::default());
@@ -67,7 +67,6 @@ pub(crate) fn check(path: &Path, options: &OpenOptions) -> Result<StepFile, Impo
 
 struct Found {
     header: Header,
-    array: ArrayLayout,
     header_path: PathBuf,
     body_path: PathBuf,
     /// States of the header's and the body's file when the header was read.
@@ -82,20 +81,15 @@ impl Found {
         let header = Header::read(&mut Stream::open(&header_path)?, &header_path)?;
         let body_path = if header.single_file { header_path.clone() } else { pair_body };
         let stamps = [stamp, Stamp::of(&body_path)?];
-        let array = ArrayLayout {
-            sizes: Sizes { extent: header.extent, channels: header.channels, times: header.times },
-            axes: header.axes(),
-            decode: Decode { element: header.element, endian: header.endian, scale: header.scale },
-            offset: header.body_offset,
-        };
         let is_compressed = matches!(Stream::open(&body_path)?, Stream::Gzip(_));
-        Ok(Self { header, array, header_path, body_path, stamps, is_compressed })
+        Ok(Self { header, header_path, body_path, stamps, is_compressed })
     }
 
     /// Bytes up to the last voxel, inflated.
     fn bytes(&self) -> Result<u64, ImportError> {
-        let body = self.array.body_bytes().map_err(|problem| ImportError::invalid(&self.header_path, problem))?;
-        Ok(body.saturating_add(self.array.offset))
+        let body =
+            self.header.array.body_bytes().map_err(|problem| ImportError::invalid(&self.header_path, problem))?;
+        Ok(body.saturating_add(self.header.array.offset))
     }
 
     /// Describes the volume, with `trailing` bytes after its voxels.
@@ -104,8 +98,9 @@ impl Found {
     /// If one of the files has changed meanwhile.
     fn info(&self, trailing: u64) -> Result<SourceInfo, ImportError> {
         let mut notes = Vec::new();
-        if let Some(Scale { slope, intercept, to }) = self.header.scale {
-            let is_long = matches!(self.header.element, Element::Voxel(VoxelType::I32 | VoxelType::U32));
+        let Decode { element, scale, .. } = self.header.array.decode;
+        if let Some(Scale { slope, intercept, to }) = scale {
+            let is_long = matches!(element, Element::Voxel(VoxelType::I32 | VoxelType::U32));
             let scaled = format!(
                 "Values are scaled by {slope} and shifted by {intercept}, as the header says, and held as {to}"
             );
@@ -123,9 +118,9 @@ impl Found {
             notes.push(Note::warning(format!("{trailing} bytes after the voxels are ignored.")));
         }
         let identity = identity("nifti", &[&self.header_path, &self.body_path])?;
-        let mut info = SourceInfo { identity, ..self.array.info() };
-        placement::place(&self.header, &mut info, &mut notes);
-        placement::set_time(&self.header, &mut info, &mut notes);
+        let mut info = SourceInfo { identity, ..self.header.array.info() };
+        placement::place(&self.header.fields, &mut info, &mut notes);
+        placement::set_time(&self.header.fields, &mut info, &mut notes);
         info.notes = notes;
         // Header and body were opened one after the other, and inflating takes its time.
         self.stamps[0].check(&self.header_path)?;
