@@ -26,7 +26,7 @@ use crate::axes::Sizes;
 use crate::dicom_files::files_in;
 use crate::element::smallest_type;
 use crate::error::ImportError;
-use crate::files::first_bytes;
+use crate::files::{first_bytes, folder_of, name_of};
 use crate::note::Note;
 use crate::options::{Gaps, HeldAs, NoData, OpenOptions};
 use crate::placement;
@@ -62,7 +62,7 @@ pub(crate) struct DicomSeries {
 pub(crate) fn open_file(path: &Path, options: &OpenOptions) -> Result<Box<dyn Source>, ImportError> {
     let header = Header::read(path)?;
     check_is_image(&header)?;
-    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let folder = folder_of(path);
     if stands_alone(&header) {
         let notes = if options.is_step { Vec::new() } else { others_of_series(&header, folder) };
         return DicomSeries::new(vec![header], options, notes).map(|s| Box::new(s) as _);
@@ -188,9 +188,8 @@ fn check_is_image(header: &Header) -> Result<(), ImportError> {
 }
 
 fn describe_series(header: &Header, count: usize) -> String {
-    let name = |p: &Path| p.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let what = header.text(tags::SERIES_DESCRIPTION).map_or(String::new(), |d| format!(" \"{d}\""));
-    format!("{}{what} of {count} files, such as {}", header.series(), name(&header.path))
+    format!("{}{what} of {count} files, such as {}", header.series(), name_of(&header.path))
 }
 
 impl DicomSeries {
@@ -580,7 +579,7 @@ fn note_on_padding(files: &[(Header, Frames)], slices: &[(Slice, Meaning)], noda
     let (header, frames) = &files[slice.file];
     let value = header.number(tags::PIXEL_PADDING_VALUE)?;
     let [least, greatest] = frames.format.limits();
-    let name = header.path.file_name().unwrap_or_default().to_string_lossy();
+    let name = name_of(&header.path);
     Some(Note::warning(format!(
         "The padding value {value} of {name} is outside of its pixels' range, {least} to {greatest}: no voxel is left \
          out."

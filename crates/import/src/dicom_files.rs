@@ -2,7 +2,7 @@
 //! first group.
 
 use crate::error::ImportError;
-use crate::files::{first_bytes, is_file};
+use crate::files::{first_bytes, is_file, listed};
 use std::path::{Path, PathBuf};
 
 /// Byte of the mark `DICM`, after a preamble of any content.
@@ -57,10 +57,8 @@ fn is_named_so(path: &Path) -> bool {
 /// If the folder cannot be read, or files that are DICOM's only in name lie beside real ones.
 pub(crate) fn files_in(folder: &Path) -> Result<Vec<PathBuf>, ImportError> {
     let (mut paths, mut unknown) = (Vec::new(), None);
-    for entry in std::fs::read_dir(folder).map_err(ImportError::io(folder))? {
-        let path = entry.map_err(ImportError::io(folder))?.path();
-        let hidden = path.file_name().is_some_and(|n| n.to_string_lossy().starts_with('.'));
-        if hidden || !is_file(&path)? {
+    for path in listed(folder)? {
+        if !is_file(&path)? {
             continue;
         }
         match is_dicom(&first_bytes(&path, MAGIC_BYTES)?) {

@@ -9,6 +9,7 @@
 
 use crate::error::ImportError;
 use crate::file_name::{Name, Number, Reading};
+use crate::files::name_of;
 use crate::numbering;
 use crate::options::FileOrder;
 use std::cmp::Ordering;
@@ -60,7 +61,7 @@ impl FileList {
             Some(FileOrder::Natural) => return Ok(list.into()),
             None if is_natural || is_alphabetical => {}
             _ => {
-                let (first, last) = (name(&paths[0]), name(&paths[paths.len() - 1]));
+                let (first, last) = (name_of(&paths[0]), name_of(&paths[paths.len() - 1]));
                 let note = format!("{} files in the order given, from {first} to {last}.", paths.len());
                 return Ok(Self { paths: paths.to_vec(), note });
             }
@@ -122,7 +123,7 @@ impl ByNumbers {
         {
             return Ok(());
         }
-        let (first, last) = (name(&self.paths[0]), name(&self.paths[self.paths.len() - 1]));
+        let (first, last) = (name_of(&self.paths[0]), name_of(&self.paths[self.paths.len() - 1]));
         let problem = format!(
             "no number in the files' names counts them, and their order by digits, from {first} to {last}, differs \
              from the alphabetical one: pass `order` natural for the order by digits, or name the files in their \
@@ -137,8 +138,8 @@ impl ByNumbers {
             Some([before, after]) => Err(format!(
                 "the numbers in the files' names can be read in two ways: as decimal numbers, {before} comes before \
                  {after}; as separate whole numbers, after it. Pass `order` natural for decimal numbers, or {way_on}",
-                before = name(before),
-                after = name(after)
+                before = name_of(before),
+                after = name_of(after)
             )),
             None => numbering::check(&self.paths, self.reading, are_planes),
         };
@@ -148,7 +149,7 @@ impl ByNumbers {
 
 impl From<ByNumbers> for FileList {
     fn from(list: ByNumbers) -> Self {
-        let ends = [list.paths.first(), list.paths.last()].map(|path| path.map_or(String::new(), |path| name(path)));
+        let ends = [list.paths.first(), list.paths.last()].map(|path| path.map_or(String::new(), |path| name_of(path)));
         let how = if list.is_by_values { ", by decimal numbers in their names" } else { "" };
         let note = format!("{} files in natural order{how}, from {} to {}.", list.paths.len(), ends[0], ends[1]);
         Self { paths: list.paths, note }
@@ -189,10 +190,6 @@ fn likely(counters: &[PathBuf], values: &[PathBuf], names: &[Name]) -> Option<Re
     // Two numbers are always even; 0.25 and 0.5 are still fractions.
     let are_told = are_even && (values.len() > 2 || varying.iter().all(|number| number.is_below_one()));
     (are_padded || are_printed && are_told).then_some(Reading::Values)
-}
-
-fn name(path: &Path) -> String {
-    path.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }
 
 /// Sorts paths with numbers in names as numbers: `s2` before `s10`.

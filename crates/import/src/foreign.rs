@@ -2,11 +2,11 @@
 //! advice.
 
 use crate::error::ImportError;
-use std::io::Read;
+use crate::files::first_bytes;
 use std::path::Path;
 
 /// Bytes examined by [`refuse`].
-const LOOKED_AT: u64 = 1024;
+const LOOKED_AT: usize = 1024;
 
 const CONVERT: &str = "convert it to NIfTI, TIFF, .npy or raw, as 3D Slicer, ITK or Fiji do";
 const RAW: &str = "pass its raw file with `shape` and `voxel_type`";
@@ -67,9 +67,7 @@ const NAMES: &[(&str, &str)] = &[
 
 /// Refuses a file of a known but unsupported format. `name` is the file's name in lower case.
 pub(crate) fn refuse(path: &Path, name: &str) -> Result<(), ImportError> {
-    let mut start = Vec::new();
-    let file = std::fs::File::open(path).map_err(ImportError::io(path))?;
-    file.take(LOOKED_AT).read_to_end(&mut start).map_err(ImportError::io(path))?;
+    let start = first_bytes(path, LOOKED_AT)?;
     let by_name = NAMES.iter().find(|(end, _)| name.ends_with(end)).map(|(_, what)| (*what, CONVERT));
     let has = |at: usize, magic: &[u8]| start.get(at..).is_some_and(|bytes| without_prolog(bytes).starts_with(magic));
     let by_magic = MAGICS.iter().find(|(at, magic, ..)| has(*at, magic)).map(|(.., what, advice)| (*what, *advice));

@@ -4,6 +4,7 @@
 
 use crate::element::{Decode, Element, Endian, Scale};
 use crate::error::ImportError;
+use crate::files::name_of;
 use crate::note::Note;
 use crate::options::{NoData, OpenOptions};
 use brickyard_volume::{VoxelType, with_voxel_type};
@@ -235,7 +236,7 @@ impl<'a> Losses<'a> {
         let Some(example) = &self.example else {
             return Note::new(format!("Voxels are {from} and are held as {to}: no value is changed."));
         };
-        let mut name = self.first_path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let mut name = name_of(self.first_path);
         if self.files_before > 0 {
             name += &format!(" and {} files more", self.files_before);
         }

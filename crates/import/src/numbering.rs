@@ -2,8 +2,9 @@
 //! planes of different things, and a missing file would shift all later ones.
 
 use crate::file_name::{Name, Number, Reading, in_decimals};
+use crate::files::name_of;
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// Most digits of a counter; longer runs are stamps or hashes.
 const LONGEST_NUMBER: usize = 18;
@@ -135,7 +136,7 @@ impl Gap {
         let missing = count.values.windows(2).flat_map(|pair| between(pair).take_while(|n| *n < pair[1]));
         let shown: Vec<String> = missing.clone().take(MOST_SHOWN).map(|n| count.show(n)).collect();
         let more = if missing.clone().nth(MOST_SHOWN).is_some() { ", ..." } else { "" };
-        let (before, after) = (name(&paths[self.at - 1]), name(&paths[self.at]));
+        let (before, after) = (name_of(&paths[self.at - 1]), name_of(&paths[self.at]));
         let lack = match shown.is_empty() {
             true => String::new(),
             false => format!(", without {}{more}", shown.join(", ")),
@@ -156,7 +157,7 @@ fn several_kinds(paths: &[PathBuf], names: &[Name], kinds: usize) -> String {
     for (path, of) in paths.iter().zip(names) {
         if shown.len() < MOST_SHOWN && !seen.contains(&&of.texts[..]) {
             seen.push(&of.texts);
-            shown.push(name(path));
+            shown.push(name_of(path));
         }
     }
     let more = if kinds > shown.len() { ", ..." } else { "" };
@@ -179,7 +180,7 @@ fn several_counters(paths: &[PathBuf], first: &Name, counters: &[(usize, Vec<&Nu
     let found: Vec<String> = counters.iter().map(describe).collect();
     let axes = if are_planes { axes_of(first, counters, paths.len()) } else { None };
     let as_axes = axes.map_or(String::new(), |axes| format!("pass `order` natural {axes} to read them so, or "));
-    let [a, b] = [&paths[0], &paths[1]].map(|path| name(path));
+    let [a, b] = [&paths[0], &paths[1]].map(|path| name_of(path));
     format!(
         "the files' names hold more than one counter: {}, as in {a}, {b}; {as_axes}name the files of one volume, or \
          pass `order` natural to take all one after another",
@@ -212,14 +213,10 @@ fn axes_of(first: &Name, counters: &[(usize, Vec<&Number>)], files: usize) -> Op
 
 fn same_number(paths: &[PathBuf], names: &[Name]) -> String {
     let at = names.windows(2).position(|pair| pair[0].numbers == pair[1].numbers).unwrap_or(0);
-    let [a, b] = [at, at + 1].map(|i| name(&paths[i]));
+    let [a, b] = [at, at + 1].map(|i| name_of(&paths[i]));
     format!(
         "{a} and {b} have the same number: name one of them, or pass `order` natural to take both, one after the other"
     )
-}
-
-fn name(path: &Path) -> String {
-    path.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }
 
 #[cfg(test)]

@@ -6,8 +6,9 @@ use crate::doubles::{check_folders, check_named_once, check_pairs, check_series}
 use crate::element::Endian;
 use crate::error::ImportError;
 use crate::file_order::{FileList, in_natural_order};
-use crate::files::first_bytes;
-use crate::folder::{files_of, is_tiff_name};
+use crate::files::{first_bytes, name_of};
+use crate::folder::files_of;
+use crate::format::Format;
 use crate::note::Note;
 use crate::options::{FileOrder, Gaps, NoData, OpenOptions};
 use crate::pattern;
@@ -18,27 +19,6 @@ use crate::time::override_time;
 use crate::{dicom, foreign, nifti, npy, tiff_stack};
 use brickyard_volume::VoxelType;
 use std::path::{Path, PathBuf};
-
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum Format {
-    Raw,
-    Npy,
-    Nifti,
-    Tiff,
-    Dicom,
-}
-
-impl Format {
-    fn of_file(self) -> &'static str {
-        match self {
-            Self::Raw => "a raw file",
-            Self::Npy => "a .npy file",
-            Self::Nifti => "a NIfTI file",
-            Self::Tiff => "a TIFF file",
-            Self::Dicom => "DICOM",
-        }
-    }
-}
 
 /// Readable formats and their names, for the message about an unknown one.
 const READ: &str = "raw (.raw, .bin, .dat, or any file with `shape` and `voxel_type`), NumPy .npy, NIfTI (.nii, .nii.gz, \
@@ -214,8 +194,7 @@ fn format_of(path: &Path, options: &OpenOptions) -> Result<Format, ImportError> 
     if options.shape.is_some() {
         return Ok(Format::Raw);
     }
-    let name = path.file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
-    let ends = |extensions: &[&str]| extensions.iter().any(|e| name.ends_with(e));
+    let name = name_of(path).to_ascii_lowercase();
     // The file must exist before its name means anything.
     let start = first_bytes(path, MAGIC_BYTES)?;
     if start.is_empty() {
@@ -228,21 +207,22 @@ fn format_of(path: &Path, options: &OpenOptions) -> Result<Format, ImportError> 
     if foreign::is_envi(&start) {
         foreign::refuse(path, &name)?;
     }
-    if ends(&[".nii", ".nii.gz", ".hdr", ".hdr.gz", ".img", ".img.gz"]) {
+    let by_name = Format::of_name(path);
+    if by_name == Some(Format::Nifti) || [".img", ".img.gz"].iter().any(|end| name.ends_with(end)) {
         return Ok(Format::Nifti);
     }
-    if start.starts_with(npy::MAGIC) || ends(&[".npy"]) {
+    if start.starts_with(npy::MAGIC) || by_name == Some(Format::Npy) {
         return Ok(Format::Npy);
     }
     let tiff_magics: [&[u8]; 4] = [b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"];
-    if tiff_magics.iter().any(|magic| start.starts_with(magic)) || is_tiff_name(path) {
+    if tiff_magics.iter().any(|magic| start.starts_with(magic)) || by_name == Some(Format::Tiff) {
         return Ok(Format::Tiff);
     }
     if tiff_stack::is_companion(path)? {
         return Ok(Format::Tiff);
     }
     foreign::refuse(path, &name)?;
-    if ends(&[".raw", ".bin", ".dat"]) {
+    if by_name == Some(Format::Raw) {
         return Ok(Format::Raw);
     }
     Err(ImportError::invalid(path, format!("not a supported format; supported are: {READ}")))
@@ -279,7 +259,11 @@ fn check_used(format: Format, path: &Path, options: &OpenOptions) -> Result<(), 
     let Some((name, _, _, of)) = said.into_iter().find(|(_, is_said, is_used, _)| *is_said && !is_used) else {
         return Ok(());
     };
-    let problem = format!("`{name}` is for {of}, not for {}; leave it out", format.of_file());
+    let file = match format {
+        Format::Dicom => "DICOM".into(),
+        format => format!("a {} file", format.name()),
+    };
+    let problem = format!("`{name}` is for {of}, not for {file}; leave it out");
     Err(ImportError::options(path, problem))
 }
 

@@ -5,6 +5,7 @@
 
 use super::{Parts, code};
 use crate::error::ImportError;
+use crate::files::folder_of;
 use base64::Engine;
 use base64::prelude::BASE64_STANDARD;
 use glam::{DMat3, DMat4, DVec3};
@@ -189,7 +190,7 @@ fn file_beside(path: &Path, uri: &str) -> Result<Option<PathBuf>, ImportError> {
     if uri.contains(':') || !is_below {
         return Ok(None);
     }
-    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let folder = folder_of(path);
     let beside = folder.join(name);
     // Links, too, must lead there.
     let real = |path: &Path| path.canonicalize().map_err(ImportError::io(path));
