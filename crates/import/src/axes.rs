@@ -121,6 +121,39 @@ impl Sizes {
         }
     }
 
+    /// Number of planes along z, c and t.
+    pub(crate) fn planes(self) -> u64 {
+        (self.extent.z as u64).saturating_mul(self.channels as u64).saturating_mul(self.times as u64)
+    }
+
+    /// Returns a plane's number along `axes` (of t, c, z), slowest first. A plane is given by its step, channel and slice.
+    pub(crate) fn number_of(self, [t, c, z]: [u32; 3], axes: &[Axis]) -> u64 {
+        axes.iter().fold(0, |number, &axis| {
+            let i = match axis {
+                Axis::T => t,
+                Axis::C => c,
+                _ => z,
+            };
+            number * self.of(axis) as u64 + i as u64
+        })
+    }
+
+    /// Returns the plane of a number along `axes` (of t, c, z), slowest first.
+    pub(crate) fn plane_of(self, mut number: u64, axes: &[Axis]) -> [u32; 3] {
+        let mut plane = [0; 3];
+        for &axis in axes.iter().rev() {
+            let size = self.of(axis) as u64;
+            let slot = match axis {
+                Axis::T => 0,
+                Axis::C => 1,
+                _ => 2,
+            };
+            plane[slot] = (number % size) as u32;
+            number /= size;
+        }
+        plane
+    }
+
     /// Returns the array's bytes. The error names a size of 0, or reports an array beyond 2^63 bytes.
     pub(crate) fn checked_bytes(self, element_bytes: usize) -> Result<u64, String> {
         let Sizes { extent, channels, times } = self;

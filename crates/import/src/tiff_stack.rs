@@ -222,7 +222,7 @@ impl Source for TiffStack {
         let samples = self.format.samples as u32;
         let plane_bytes = out.len() / region.extent().z as usize;
         for (z, plane) in (region.min.z..).zip(out.chunks_exact_mut(plane_bytes)) {
-            let place = self.map.place(time, channel / samples, z);
+            let place = self.map.place([time, channel / samples, z]);
             self.with_page(place, |tiff| {
                 tiff.read_rectangle(&self.format, channel % samples, self.decode, region, plane)
             })?;

@@ -105,7 +105,7 @@ impl Declared {
     }
 
     pub(super) fn planes(&self) -> u64 {
-        (self.z as u64).saturating_mul(self.channels as u64).saturating_mul(self.times as u64)
+        self.sizes([1, 1]).planes()
     }
 
     pub(super) fn sizes(&self, [x, y]: [u32; 2]) -> Sizes {

@@ -8,10 +8,10 @@ use super::ome_pages::{self, Files};
 use super::ome_set::{Set, check_uuid, follow, is_companion, read_companion};
 use super::page::{OpenTiff, PageFormat};
 use super::page_map::{PageMap, Place, of_page};
-use super::told::name_of;
 use super::walk::{Pages, Walked, odd_page, open_pages, refuse_problem};
 use super::{MOST_IDLE, Parts, TiffFile, TiffStack};
 use crate::error::ImportError;
+use crate::files::name_of;
 use crate::note::Note;
 use crate::options::OpenOptions;
 use crate::raw::identity;
@@ -159,7 +159,7 @@ impl Opening<'_> {
             .page_sizes(&format)
             .and_then(|sizes| ome_pages::map(pixels, of_page(sizes, &format), &files));
         let map = map.map_err(|problem| ImportError::invalid(path, problem))?;
-        let spare = pages.iter().map(|&n| n as u64).sum::<u64>() - map.planes();
+        let spare = pages.iter().map(|&n| n as u64).sum::<u64>() - map.sizes.planes();
         let format = match walked.odd.take() {
             None => format,
             Some(odd) if spare == 0 => return Err(odd),
@@ -256,7 +256,7 @@ fn check_used(paths: &[PathBuf], map: &PageMap) -> Result<PageFormat, ImportErro
         };
         tiff.seek(place.page)?;
         let format = tiff.format()?;
-        tiff.check_data(path, place.page + 1)?;
+        tiff.check_data(place.page + 1)?;
         match &expected {
             Some(expected) if *expected != format => return Err(odd_page(path, place.page + 1, &format, expected)),
             Some(_) => {}

@@ -7,7 +7,7 @@ use super::page::OpenTiff;
 use super::told::LONGEST_DESCRIPTION;
 use super::xml::Failure;
 use crate::error::ImportError;
-use crate::files::first_bytes;
+use crate::files::{first_bytes, folder_of, name_of};
 use std::collections::HashMap;
 use std::fs::File;
 use std::io::{BufReader, Read};
@@ -15,7 +15,7 @@ use std::path::{Component, Path, PathBuf};
 
 /// Whether a file is bare OME-XML, by its name and its start.
 pub(crate) fn is_companion(path: &Path) -> Result<bool, ImportError> {
-    let name = path.file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
+    let name = name_of(path).to_ascii_lowercase();
     if ![".ome", ".ome.xml"].iter().any(|end| name.ends_with(end)) {
         return Ok(false);
     }
@@ -165,7 +165,7 @@ fn same_uuid(a: &str, b: &str) -> bool {
 
 /// Finds the regular file of this name in the folder of `path`, or below it. `what` describes the name in messages.
 fn beside(path: &Path, name: &str, what: &str) -> Result<PathBuf, ImportError> {
-    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let folder = folder_of(path);
     let outside = || {
         let problem = format!(
             "{what} '{name}', which is not in its folder or below; pass `axes` zyx to take its own pages as they are"

@@ -50,7 +50,6 @@ pub(crate) fn has_several_planes(path: &Path, options: &OpenOptions) -> Result<b
 /// Whether all, or most, planes of a described stack follow the data of the file's only directory. A page cut out of such a stack may have its
 /// description, but not the planes.
 fn holds_stack(tiff: &mut OpenTiff) -> Result<bool, ImportError> {
-    let path = tiff.path.clone();
     let format = tiff.format()?;
     let description = tiff.description(&format)?;
     let Some(declared) = description.declared.filter(|declared| declared.in_one_directory && declared.planes() > 1)
@@ -60,7 +59,7 @@ fn holds_stack(tiff: &mut OpenTiff) -> Result<bool, ImportError> {
     if tiff.is_metamorph() {
         return Ok(true);
     }
-    let Ok((start, _)) = tiff.contiguous_start(&path, &format) else { return Ok(false) };
+    let Ok((start, _)) = tiff.contiguous_start(&format) else { return Ok(false) };
     let plane_bytes =
         u64::from(format.width) * u64::from(format.height) * (format.element.bytes() * format.samples as usize) as u64;
     // A truncated stack has more than half, and more than a plane: the missing part is reported on opening.
@@ -106,7 +105,7 @@ pub(crate) fn open_planes(paths: &[PathBuf], options: &OpenOptions) -> Result<Bo
         let mut tiff = OpenTiff::open(path)?;
         with_copies += u64::from(tiff.has_more_pages());
         let format = tiff.format()?;
-        tiff.check_data(path, 1)?;
+        tiff.check_data(1)?;
         reader_bytes = tiff.reader_bytes(&format)?.max(reader_bytes);
         let description = tiff.description(&format)?;
         if options.axes.is_none() && options.order.is_none() {
@@ -220,7 +219,7 @@ fn open_contiguous(
         return Err(ImportError::invalid(path, problem));
     }
     let (scale, note) = description.scale(format.element, format.samples);
-    let (offset, endian) = tiff.contiguous_start(path, format)?;
+    let (offset, endian) = tiff.contiguous_start(format)?;
     let mut sizes = declared.sizes([format.width, format.height]);
     let within = match (format.samples, format.planar) {
         (1, _) => &[Axis::Y, Axis::X][..],

@@ -54,6 +54,10 @@ const COPY_OR_MASK: u32 = 1 | 4;
 /// Bytes of a strip or tile searched for its JPEG header.
 const JPEG_HEADER_BYTES: u64 = 64 << 10;
 
+/// Places of damage in messages.
+const PAGE: &str = "a page";
+const FILE: &str = "cannot be read";
+
 /// Slices of a page and of a tile, which are not in the standard.
 const IMAGE_DEPTH: Tag = Tag::Unknown(32997);
 const TILE_DEPTH: Tag = Tag::Unknown(32998);
@@ -81,7 +85,7 @@ pub(super) struct PageFormat {
 impl PageFormat {
     /// Shown size in pixels along x and y.
     pub(super) fn shown_size(&self) -> [u32; 2] {
-        self.turn.size([self.width, self.height])
+        self.turn.meant([self.width, self.height])
     }
 }
 
@@ -160,6 +164,17 @@ impl OpenTiff {
         Ok(())
     }
 
+    /// The number in a tag of the current page. `what` is read, for messages.
+    fn number<T: TryFrom<u64>>(&mut self, tag: Tag, what: &str) -> Result<Option<T>, ImportError> {
+        self.decoder.find_tag_unsigned(tag).map_err(|e| refusal(&self.path, what, e))
+    }
+
+    /// The numbers in a tag of the current page; empty if it has none.
+    fn numbers(&mut self, tag: Tag, what: &str) -> Result<Vec<u64>, ImportError> {
+        let numbers = self.decoder.find_tag_unsigned_vec(tag).map_err(|e| refusal(&self.path, what, e))?;
+        Ok(numbers.unwrap_or_default())
+    }
+
     pub(super) fn has_more_pages(&self) -> bool {
         self.decoder.more_images()
     }
@@ -172,7 +187,7 @@ impl OpenTiff {
 
     /// The size of the page if it is half as large as one of this format, or smaller.
     pub(super) fn small_size(&mut self, format: &PageFormat) -> Result<Option<(u32, u32)>, ImportError> {
-        let (width, height) = self.decoder.dimensions().map_err(|e| refusal(&self.path, "a page", e))?;
+        let (width, height) = self.decoder.dimensions().map_err(|e| refusal(&self.path, PAGE, e))?;
         let is_small = width <= format.width.div_ceil(2) && height <= format.height.div_ceil(2);
         Ok((is_small && (width, height) != (format.width, format.height)).then_some((width, height)))
     }
@@ -195,7 +210,7 @@ impl OpenTiff {
 
     pub(super) fn format(&mut self) -> Result<PageFormat, ImportError> {
         let path = self.path.clone();
-        let refuse = |e| refusal(&path, "a page", e);
+        let refuse = |e| refusal(&path, PAGE, e);
         self.check_packing()?;
         let (width, height) = self.decoder.dimensions().map_err(refuse)?;
         let color = self.decoder.colortype().map_err(refuse)?;
@@ -207,8 +222,7 @@ impl OpenTiff {
         let bits = color.bit_depth() as usize;
         let element =
             layout.sample_type.and_then(element_of).filter(|e| e.bytes() * 8 == bits).ok_or_else(unsupported)?;
-        let tag = |decoder: &mut Decoder<_>, tag| decoder.find_tag_unsigned::<u16>(tag).map_err(refuse);
-        let white_is_zero = match tag(&mut self.decoder, Tag::PhotometricInterpretation)? {
+        let white_is_zero = match self.number::<u16>(Tag::PhotometricInterpretation, PAGE)? {
             Some(1 | 2) => false,
             // Undone by a second inversion; the library inverts unsigned integers, one a pixel.
             Some(0) if is_unsigned(element) && color.num_samples() == 1 => true,
@@ -228,7 +242,7 @@ impl OpenTiff {
             return Err(ImportError::invalid(&path, problem));
         }
         self.check_depth()?;
-        let stored = tag(&mut self.decoder, Tag::SamplesPerPixel)?.unwrap_or(1);
+        let stored = self.number::<u16>(Tag::SamplesPerPixel, PAGE)?.unwrap_or(1);
         if stored != color.num_samples() {
             let feature = format!(
                 "a page of {stored} samples a pixel, of which only {} have a known meaning,",
@@ -238,10 +252,10 @@ impl OpenTiff {
             return Err(ImportError::unsupported_but(&path, feature, advice));
         }
         let is_float = matches!(element, Element::Voxel(VoxelType::F32) | Element::F16 | Element::F64);
-        if tag(&mut self.decoder, Tag::Predictor)? == Some(3) && !is_float {
+        if self.number::<u16>(Tag::Predictor, PAGE)? == Some(3) && !is_float {
             return Err(ImportError::unsupported(&path, "a floating-point predictor of integers"));
         }
-        let planar = tag(&mut self.decoder, Tag::PlanarConfiguration)? == Some(2);
+        let planar = self.number::<u16>(Tag::PlanarConfiguration, PAGE)? == Some(2);
         let is_rgb = matches!(color, ColorType::RGB(_) | ColorType::RGBA(_));
         let turn = self.turn()?;
         let (samples, is_palette) = (color.num_samples(), self.is_palette);
@@ -249,8 +263,7 @@ impl OpenTiff {
     }
 
     fn turn(&mut self) -> Result<Turn, ImportError> {
-        let value = self.decoder.find_tag_unsigned::<u16>(Tag::Orientation);
-        let value = value.map_err(|e| refusal(&self.path, "a page", e))?.unwrap_or(1);
+        let value = self.number::<u16>(Tag::Orientation, PAGE)?.unwrap_or(1);
         Turn::of_orientation(value).ok_or_else(|| {
             let advice = "write it again with one from 1 to 8 (tiffset -s Orientation 1)";
             ImportError::unsupported_but(&self.path, format!("an Orientation of {value}"), advice)
@@ -259,10 +272,9 @@ impl OpenTiff {
 
     /// Memory in bytes for decoding a strip or tile of the page: decoded pixels, decompressor, and lists of offsets and lengths.
     pub(super) fn reader_bytes(&mut self, format: &PageFormat) -> Result<u64, ImportError> {
-        let path = self.path.clone();
-        let refuse = |e| refusal(&path, "a page", e);
-        let decoded = self.decoder.image_chunk_buffer_layout(0).map_err(refuse)?.len as u64;
-        let kept = match self.decoder.find_tag_unsigned::<u16>(Tag::Compression).map_err(refuse)? {
+        let layout = self.decoder.image_chunk_buffer_layout(0);
+        let decoded = layout.map_err(|e| refusal(&self.path, PAGE, e))?.len as u64;
+        let kept = match self.number::<u16>(Tag::Compression, PAGE)? {
             // Output and input together.
             Some(JPEG) => decoded.saturating_mul(2),
             Some(ZSTD) => decoded.min(MOST_ZSTD_WINDOW),
@@ -288,19 +300,16 @@ impl OpenTiff {
 
     /// Refuses packings that the library would refuse only on reading, or misread.
     fn check_packing(&mut self) -> Result<(), ImportError> {
-        let path = self.path.clone();
-        let tag = |decoder: &mut Decoder<_>, tag| {
-            decoder.find_tag_unsigned::<u16>(tag).map_err(|e| refusal(&path, "a page", e))
-        };
-        let code = tag(&mut self.decoder, Tag::Compression)?.unwrap_or(1);
+        let code = self.number::<u16>(Tag::Compression, PAGE)?.unwrap_or(1);
         if !READ.contains(&code) {
             let name = NOT_READ.iter().find(|(c, _)| *c == code).map_or("unknown", |(_, name)| name);
             let advice = "write it again with another: none, LZW, Deflate, PackBits, JPEG and Zstandard are read";
-            return Err(ImportError::unsupported_but(&path, format!("compression {code} ({name})"), advice));
+            let feature = format!("compression {code} ({name})");
+            return Err(ImportError::unsupported_but(&self.path, feature, advice));
         }
-        if tag(&mut self.decoder, Tag::FillOrder)? == Some(2) {
+        if self.number::<u16>(Tag::FillOrder, PAGE)? == Some(2) {
             let advice = "write it again with the highest first (tiffcp -f msb2lsb)";
-            return Err(ImportError::unsupported_but(&path, "a FillOrder of the lowest bit first", advice));
+            return Err(ImportError::unsupported_but(&self.path, "a FillOrder of the lowest bit first", advice));
         }
         Ok(())
     }
@@ -308,8 +317,7 @@ impl OpenTiff {
     /// Refuses pages with a third dimension: the library ignores it, and would read the first slice.
     fn check_depth(&mut self) -> Result<(), ImportError> {
         for tag in [IMAGE_DEPTH, TILE_DEPTH] {
-            let depth = self.decoder.find_tag_unsigned::<u64>(tag);
-            let depth = depth.map_err(|e| refusal(&self.path, "a page", e))?.unwrap_or(1);
+            let depth = self.number::<u64>(tag, PAGE)?.unwrap_or(1);
             if depth > 1 {
                 let feature = format!("a page of {depth} slices (ImageDepth)");
                 return Err(ImportError::unsupported_but(&self.path, feature, "write it again with a page for each"));
@@ -320,16 +328,16 @@ impl OpenTiff {
 
     /// Checks the strips or tiles of the page: they must lie inside the file, not be empty, and hold all their pixels if
     /// uncompressed. `number` is the page's number, counted from 1, for messages.
-    pub(super) fn check_data(&mut self, path: &Path, number: u32) -> Result<(), ImportError> {
-        let page = |e| refusal(path, &format!("page {number}"), e);
+    pub(super) fn check_data(&mut self, number: u32) -> Result<(), ImportError> {
+        let page = format!("page {number}");
         let plain = self.plain_chunk()?;
-        let is_jpeg = self.decoder.find_tag_unsigned::<u16>(Tag::Compression).map_err(page)? == Some(JPEG);
+        let is_jpeg = self.number::<u16>(Tag::Compression, &page)? == Some(JPEG);
         for (tag, counts) in [(Tag::StripOffsets, Tag::StripByteCounts), (Tag::TileOffsets, Tag::TileByteCounts)] {
-            let mut numbers = |tag| self.decoder.find_tag_unsigned_vec::<u64>(tag).map(Option::unwrap_or_default);
-            let (offsets, counts) = (numbers(tag).map_err(page)?, numbers(counts).map_err(page)?);
+            let (offsets, counts) = (self.numbers(tag, &page)?, self.numbers(counts, &page)?);
             if let (true, Some(&at), Some(&count)) = (is_jpeg, offsets.first(), counts.first()) {
-                self.check_jpeg(path, at, count)?;
+                self.check_jpeg(at, count)?;
             }
+            let (path, found) = (&self.path, self.stamp.bytes());
             for (i, (offset, count)) in offsets.into_iter().zip(counts).enumerate() {
                 if count == 0 {
                     let feature = format!("an empty strip or tile, as number {i} of page {number} is (a sparse file)");
@@ -338,8 +346,7 @@ impl OpenTiff {
                 }
                 let end = offset.saturating_add(count);
                 if let Some(needed) = plain.as_ref().map(|chunk| chunk.bytes(i as u64))
-                    && (count < needed
-                        || end > self.stamp.bytes() && offset.saturating_add(needed) <= self.stamp.bytes())
+                    && (count < needed || end > found && offset.saturating_add(needed) <= found)
                 {
                     let problem = format!(
                         "strip or tile {i} of page {number} is not compressed, and its pixels take {needed} bytes, but \
@@ -347,11 +354,10 @@ impl OpenTiff {
                     );
                     return Err(ImportError::invalid(path, problem));
                 }
-                if end > self.stamp.bytes() {
+                if end > found {
+                    let missing = end - found;
                     let problem = format!(
-                        "cut short: the data of page {number} reach to byte {end}, found {} ({} missing)",
-                        self.stamp.bytes(),
-                        end - self.stamp.bytes()
+                        "cut short: the data of page {number} reach to byte {end}, found {found} ({missing} missing)"
                     );
                     return Err(ImportError::invalid(path, problem));
                 }
@@ -361,28 +367,26 @@ impl OpenTiff {
     }
 
     /// Refuses JPEG kinds that the library mistakes for damage, by the head of a strip or tile.
-    fn check_jpeg(&mut self, path: &Path, at: u64, count: u64) -> Result<(), ImportError> {
+    fn check_jpeg(&mut self, at: u64, count: u64) -> Result<(), ImportError> {
         let mut head = Vec::new();
         let file = self.decoder.inner();
         let read = file
             .seek(SeekFrom::Start(at))
             .and_then(|_| file.by_ref().take(count.min(JPEG_HEADER_BYTES)).read_to_end(&mut head));
-        read.map_err(ImportError::io(path))?;
+        read.map_err(ImportError::io(&self.path))?;
         let Some(kind) = jpeg::kind_not_read(&head) else { return Ok(()) };
         let advice =
             "write it again with another compression: none, LZW, Deflate, PackBits, Zstandard, or the usual JPEG";
-        Err(ImportError::unsupported_but(path, format!("{kind} JPEG"), advice))
+        Err(ImportError::unsupported_but(&self.path, format!("{kind} JPEG"), advice))
     }
 
     /// Strips or tiles of a page of uncompressed pixels.
     fn plain_chunk(&mut self) -> Result<Option<PlainChunk>, ImportError> {
-        let path = self.path.clone();
-        let refuse = |e| refusal(&path, "cannot be read", e);
-        let mut tag = |tag| self.decoder.find_tag_unsigned::<u64>(tag).map_err(refuse);
-        if tag(Tag::Compression)?.unwrap_or(1) != 1 {
+        if self.number::<u64>(Tag::Compression, FILE)?.unwrap_or(1) != 1 {
             return Ok(None);
         }
-        let planar = tag(Tag::PlanarConfiguration)? == Some(2);
+        let planar = self.number::<u64>(Tag::PlanarConfiguration, FILE)? == Some(2);
+        let refuse = |e| refusal(&self.path, FILE, e);
         let (_, height) = self.decoder.dimensions().map_err(refuse)?;
         let color = self.decoder.colortype().map_err(refuse)?;
         let (width, rows) = self.decoder.chunk_dimensions();
@@ -396,20 +400,18 @@ impl OpenTiff {
     ///
     /// # Errors
     /// If the page is compressed, tiled, turned, or in strips with gaps.
-    pub(super) fn contiguous_start(&mut self, path: &Path, format: &PageFormat) -> Result<(u64, Endian), ImportError> {
-        let refuse = |e| refusal(path, "cannot be read", e);
-        let compression = self.decoder.find_tag_unsigned::<u16>(Tag::Compression).map_err(refuse)?.unwrap_or(1);
-        let mut numbers = |tag| self.decoder.find_tag_unsigned_vec::<u64>(tag).map(Option::unwrap_or_default);
-        let (offsets, counts) =
-            (numbers(Tag::StripOffsets).map_err(refuse)?, numbers(Tag::StripByteCounts).map_err(refuse)?);
+    pub(super) fn contiguous_start(&mut self, format: &PageFormat) -> Result<(u64, Endian), ImportError> {
+        let compression = self.number::<u16>(Tag::Compression, FILE)?.unwrap_or(1);
+        let (offsets, counts) = (self.numbers(Tag::StripOffsets, FILE)?, self.numbers(Tag::StripByteCounts, FILE)?);
         let (Some(&start), 1, true) = (offsets.first(), compression, format.turn.is_none()) else {
             let feature = "a compressed or tiled stack in one directory, or one of another Orientation than 1,";
-            return Err(ImportError::unsupported(path, feature));
+            return Err(ImportError::unsupported(&self.path, feature));
         };
         let ends = offsets.iter().zip(&counts).map(|(offset, count)| offset.saturating_add(*count));
         if offsets.iter().skip(1).zip(ends).any(|(next, end)| *next != end) {
             let feature = "a stack in one directory with gaps between its strips";
-            return Err(ImportError::unsupported_but(path, feature, "write it again with a directory for each plane"));
+            let advice = "write it again with a directory for each plane";
+            return Err(ImportError::unsupported_but(&self.path, feature, advice));
         }
         Ok((start, self.endian()))
     }
@@ -524,18 +526,15 @@ impl OpenTiff {
     }
 
     fn find_packing(&mut self) -> Result<Packing, ImportError> {
-        let path = self.path.clone();
-        let refuse = |e| refusal(&path, "a page", e);
-        if self.decoder.find_tag_unsigned::<u16>(Tag::Compression).map_err(refuse)? != Some(LZW) {
+        if self.number::<u16>(Tag::Compression, PAGE)? != Some(LZW) {
             return Ok(Packing::Library);
         }
         let (offsets, counts) = match self.decoder.get_chunk_type() {
             ChunkType::Strip => (Tag::StripOffsets, Tag::StripByteCounts),
             ChunkType::Tile => (Tag::TileOffsets, Tag::TileByteCounts),
         };
-        let mut numbers = |tag| self.decoder.find_tag_unsigned_vec::<u64>(tag).map(Option::unwrap_or_default);
-        let (offsets, counts) = (numbers(offsets).map_err(refuse)?, numbers(counts).map_err(refuse)?);
-        let predictor = match self.decoder.find_tag_unsigned::<u16>(Tag::Predictor).map_err(refuse)? {
+        let (offsets, counts) = (self.numbers(offsets, PAGE)?, self.numbers(counts, PAGE)?);
+        let predictor = match self.number::<u16>(Tag::Predictor, PAGE)? {
             Some(2) => Predictor::Horizontal,
             Some(3) => Predictor::Floats,
             _ => Predictor::None,

@@ -118,7 +118,7 @@ impl Walked {
                     if other != *format {
                         return Err(odd_page(&path, pages, &other, format));
                     }
-                    tiff.check_data(&path, pages)?;
+                    tiff.check_data(pages)?;
                     if let (Some(first), Some(options)) = (&first, options) {
                         PageTags::of(&mut tiff, format, options)?.check(&path, pages, first)?;
                     }
