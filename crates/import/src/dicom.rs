@@ -52,7 +52,7 @@ pub(crate) struct DicomSeries {
     info: SourceInfo,
     files: Vec<(Header, Frames)>,
     /// Slices, ascending along z.
-    slices: Vec<(Slice, Meaning)>,
+    slices: Vec<Slice>,
     /// Index of the slice at each z; `None` where one is missing, whose voxels are all `blank`.
     places: Vec<Option<usize>>,
     blank: f64,
@@ -126,7 +126,7 @@ fn may_be_of(path: &Path, header: &Header) -> Result<bool, ImportError> {
 /// Returns the series represented by a file, with the other slices in its folder; `None` for a file of several frames.
 pub(crate) fn series_of(path: &Path) -> Result<Option<String>, ImportError> {
     let header = Header::read(path)?;
-    Ok((!stands_alone(&header)).then(|| header.series().into_owned()))
+    Ok((!stands_alone(&header)).then(|| header.series()))
 }
 
 /// Whether a file holds more than one slice of its series.
@@ -202,30 +202,17 @@ impl DicomSeries {
         let mut slices = Vec::new();
         for (file, (header, frames)) in files.iter().enumerate() {
             for frame in 0..frames.count() {
-                slices.push((
-                    find_slice((header, frames), file, frame, options)?,
-                    meaning_of(header, frames, frame, options.nodata)?,
-                ));
+                slices.push(find_slice((header, frames), file, frame, options)?);
             }
         }
         let paths: Vec<PathBuf> = files.iter().map(|(header, _)| header.path.clone()).collect();
         let names = Names { paths: &paths, by_frame: files.iter().any(|(_, frames)| frames.count() > 1) };
-        let mut sorted: Vec<Slice> = slices.iter().map(|(slice, _)| slice.clone()).collect();
         let spacing = match (options.gaps, options.spacing) {
             (Gaps::Blank, _) => Spacing::WithGaps,
             (Gaps::Refuse, Some(spacing)) => Spacing::Told(spacing.z),
             (Gaps::Refuse, None) => Spacing::Even,
         };
-        let placement = stack::arrange(&mut sorted, &names, spacing)?;
-        let slices: Vec<(Slice, Meaning)> = sorted
-            .into_iter()
-            .map(|slice| {
-                let place = slices.partition_point(|(s, _)| (s.file, s.frame) < (slice.file, slice.frame));
-                let meaning = slices[place].1;
-                (slice, meaning)
-            })
-            .collect();
-
+        let placement = stack::arrange(&mut slices, &names, spacing)?;
         let mut places = vec![None; placement.levels.last().map_or(0, |level| *level as usize + 1)];
         placement.levels.iter().enumerate().for_each(|(slice, level)| places[*level as usize] = Some(slice));
         let missing = places.iter().filter(|place| place.is_none()).count();
@@ -246,7 +233,7 @@ impl DicomSeries {
         // The title of a later step is not its channel's name.
         let name = look.name.filter(|_| options.held_as.is_none());
         info.channel_looks = vec![ChannelLook { name, ..look }];
-        let padding = slices[0].1.nodata(voxel_type).or_else(|| padding_of_floats(&slices, voxel_type));
+        let padding = slices[0].meaning.nodata(voxel_type).or_else(|| padding_of_floats(&slices, voxel_type));
         info.knows_nodata = options.nodata == NoData::OfFile;
         info.nodata = padding.or((missing > 0 && !voxel_type.is_float()).then_some(blank));
         if info.nodata.is_some() && missing > 0 && options.nodata != NoData::OfFile {
@@ -259,14 +246,10 @@ impl DicomSeries {
         }
         if missing > 0 {
             let are = if missing == 1 { "is" } else { "are" };
-            notes.push(Note::warning(format!(
-                "{} of {} {are} missing; their places hold no data{}.",
-                counted(missing as u64, "slice"),
-                places.len(),
-                info.nodata
-                    .filter(|_| !voxel_type.is_float())
-                    .map_or(String::new(), |value| format!(", marked by the value {value}"))
-            )));
+            let (missing, all) = (counted(missing as u64, "slice"), places.len());
+            let mark = info.nodata.filter(|_| !voxel_type.is_float());
+            let mark = mark.map_or(String::new(), |value| format!(", marked by the value {value}"));
+            notes.push(Note::warning(format!("{missing} of {all} {are} missing; their places hold no data{mark}.")));
         }
         notes.extend(placement.note);
         notes.extend(notes_on_values(&files, &slices, voxel_type));
@@ -292,23 +275,15 @@ fn look_of(header: &Header) -> ChannelLook {
 
 /// Checks that all pictures have one size.
 fn check_sizes(files: &[(Header, Frames)]) -> Result<(), ImportError> {
-    let size = |(_, frames): &(Header, Frames)| {
-        let [columns, rows] = frames.size();
-        (columns, rows)
-    };
-    if let [most, other, ..] = kinds(files, |a, b| size(a) == size(b))[..] {
-        let [a, b] = [other, most].map(|(i, count)| (size(&files[i]), count));
+    let size = |(_, frames): &(Header, Frames)| frames.size();
+    if let [(most, many), (other, few), ..] = kinds(files, |a, b| size(a) == size(b))[..] {
+        let ([x, y], [most_x, most_y]) = (size(&files[other]), size(&files[most]));
+        let such_as = files[most].0.path.display();
         let problem = format!(
-            "is {} x {} pixels, as {} files are; {} are {} x {}, such as {}. Name the files of one size",
-            a.0.0,
-            a.0.1,
-            a.1,
-            b.1,
-            b.0.0,
-            b.0.1,
-            files[most.0].0.path.display()
+            "is {x} x {y} pixels, as {few} files are; {many} are {most_x} x {most_y}, such as {such_as}. Name the \
+             files of one size"
         );
-        return Err(ImportError::invalid(&files[other.0].0.path, problem));
+        return Err(ImportError::invalid(&files[other].0.path, problem));
     }
     Ok(())
 }
@@ -397,6 +372,7 @@ fn find_slice(
             let mm = header.numbers(frame, tag)?[0];
             (mm > 0.0).then_some((mm, name))
         }),
+        meaning: meaning_of(header, frames, frame, options.nodata)?,
     })
 }
 
@@ -434,8 +410,8 @@ fn meaning_of(header: &Header, frames: &Frames, frame: usize, nodata: NoData) ->
 }
 
 /// The first padding value, which is NaN in float voxels, for comparison with later steps.
-fn padding_of_floats(slices: &[(Slice, Meaning)], voxel_type: VoxelType) -> Option<f64> {
-    let (_, meaning) = slices.iter().find(|(_, meaning)| meaning.padding.is_some())?;
+fn padding_of_floats(slices: &[Slice], voxel_type: VoxelType) -> Option<f64> {
+    let meaning = slices.iter().map(|slice| slice.meaning).find(|meaning| meaning.padding.is_some())?;
     let [least, _] = meaning.padding.filter(|_| voxel_type.is_float())?;
     // Turns -0 into 0.
     Some(f64::from(meaning.value(least) as f32) + 0.0)
@@ -450,25 +426,23 @@ struct Voxels {
 /// Chooses the smallest type for every value, plus an unused one if slices are missing; floats if values are not integers.
 fn voxels_of(
     files: &[(Header, Frames)],
-    slices: &[(Slice, Meaning)],
+    slices: &[Slice],
     are_missing: bool,
     held_as: Option<HeldAs>,
 ) -> Result<Voxels, ImportError> {
     let floats = Voxels { voxel_type: VoxelType::F32, blank: f64::NAN };
-    if !slices.iter().all(|(_, meaning)| meaning.is_whole()) {
+    if !slices.iter().all(|slice| slice.meaning.is_whole()) {
         return Ok(floats);
     }
     // One integer marks padding in all slices; if it would be a value in some, padding is NaN.
-    let is_padded = slices.iter().any(|(_, m)| m.padding.is_some());
-    if is_padded && slices.iter().any(|(_, m)| *m != slices[0].1) {
+    let first = slices[0].meaning;
+    let is_padded = slices.iter().any(|slice| slice.meaning.padding.is_some());
+    if is_padded && slices.iter().any(|slice| slice.meaning != first) {
         return Ok(floats);
     }
     let voxels = |[least, greatest]: [f64; 2]| {
         // Padding has a value already.
-        let blank = match slices[0].1.padding {
-            Some([padding, _]) => slices[0].1.value(padding),
-            None => least - 1.0,
-        };
+        let blank = first.padding.map_or(least - 1.0, |[padding, _]| first.value(padding));
         // As in the steps before, unless a voxel has that value here.
         let theirs = held_as.and_then(|held| held.nodata).filter(|value| !(least..=greatest).contains(value));
         let blank = if is_padded { blank } else { theirs.unwrap_or(blank) };
@@ -478,17 +452,16 @@ fn voxels_of(
         let voxel_type = theirs.filter(holds).unwrap_or_else(|| smallest_type(least, greatest));
         if voxel_type.is_float() { Voxels { voxel_type, ..floats } } else { Voxels { voxel_type, blank } }
     };
-    let limits = |slice: &Slice, _: &Meaning| Ok(files[slice.file].1.format.limits());
-    let possible = voxels(range_of(slices, limits)?);
+    let possible = voxels(range_of(slices, |slice| Ok(files[slice.file].1.format.limits()))?);
     let is_short = files.iter().all(|(_, frames)| frames.format.width <= 2);
     let is_small = files.iter().all(|(_, frames)| frames.reader_bytes() <= MOST_LOOKED_AT_BYTES);
     if possible.voxel_type.bytes() < 4 || !is_short || !is_small {
         return Ok(possible);
     }
     // Scanners that shift 16 stored bits seldom use them all: decode to avoid doubling the memory.
-    range_of(slices, |slice, meaning| {
+    range_of(slices, |slice| {
         let (header, frames) = &files[slice.file];
-        Ok(frames.read(header, slice.frame)?.range(&frames.format, meaning.padding))
+        Ok(frames.read(header, slice.frame)?.range(&frames.format, slice.meaning.padding))
     })
     .map(voxels)
 }
@@ -496,7 +469,7 @@ fn voxels_of(
 /// Refuses 32-bit numbers needlessly changed as floats: labels, those beside missing slices, and those scaled only by whole numbers.
 fn check_exact(
     files: &[(Header, Frames)],
-    slices: &[(Slice, Meaning)],
+    slices: &[Slice],
     voxel_type: VoxelType,
     are_missing: bool,
     options: &OpenOptions,
@@ -507,7 +480,7 @@ fn check_exact(
     let what = match () {
         () if options.are_labels => "a series of 32-bit labels, some of which f32 would merge,",
         () if are_missing => "a 32-bit series with missing slices, which would become f32,",
-        () if !options.allow_lossy && slices.iter().all(|(_, meaning)| meaning.is_whole()) => {
+        () if !options.allow_lossy && slices.iter().all(|slice| slice.meaning.is_whole()) => {
             let problem = "no integer type holds all 32-bit numbers of this series and its padding, and f32 rounds to \
                            24 bits; pass `allow_lossy` to accept rounding";
             return Err(ImportError::options(&header.path, problem));
@@ -519,12 +492,12 @@ fn check_exact(
 
 /// Least and greatest of the rescaled ends of each slice's stored range.
 fn range_of(
-    slices: &[(Slice, Meaning)],
-    stored: impl Fn(&Slice, &Meaning) -> Result<[i64; 2], ImportError>,
+    slices: &[Slice],
+    stored: impl Fn(&Slice) -> Result<[i64; 2], ImportError>,
 ) -> Result<[f64; 2], ImportError> {
     let (mut least, mut greatest) = (f64::INFINITY, f64::NEG_INFINITY);
-    for (slice, meaning) in slices {
-        for value in stored(slice, meaning)?.map(|n| meaning.value(n)) {
+    for slice in slices {
+        for value in stored(slice)?.map(|n| slice.meaning.value(n)) {
             least = least.min(value);
             greatest = greatest.max(value);
         }
@@ -532,15 +505,14 @@ fn range_of(
     Ok([least, greatest])
 }
 
-fn notes_on_values(files: &[(Header, Frames)], slices: &[(Slice, Meaning)], voxel_type: VoxelType) -> Vec<Note> {
+fn notes_on_values(files: &[(Header, Frames)], slices: &[Slice], voxel_type: VoxelType) -> Vec<Note> {
     let mut notes = Vec::new();
-    let (_, first) = &slices[0];
-    let scale = |m: &Meaning| (m.slope, m.intercept);
-    if slices.iter().any(|(_, m)| scale(m) != scale(first)) {
+    let first = slices[0].meaning;
+    let Meaning { slope, intercept, .. } = first;
+    if slices.iter().any(|slice| (slice.meaning.slope, slice.meaning.intercept) != (slope, intercept)) {
         let note = format!("Values are scaled and shifted by each slice's own numbers, and held as {voxel_type}.");
         notes.push(Note::new(note));
-    } else if scale(first) != (1.0, 0.0) {
-        let Meaning { slope, intercept, .. } = first;
+    } else if (slope, intercept) != (1.0, 0.0) {
         notes.push(Note::new(format!(
             "Values are scaled by {slope} and shifted by {intercept}, as the header says, and held as {voxel_type}."
         )));
@@ -548,13 +520,14 @@ fn notes_on_values(files: &[(Header, Frames)], slices: &[(Slice, Meaning)], voxe
     if voxel_type.is_float() && files.iter().any(|(_, frames)| frames.format.width == 4) {
         notes.push(Note::warning("32-bit numbers are rounded to the 24 bits of f32."));
     }
-    if let Some([least, greatest]) = slices.iter().find_map(|(_, m)| m.padding) {
+    if let Some([least, greatest]) = slices.iter().find_map(|slice| slice.meaning.padding) {
         let what = match first.nodata(voxel_type) {
             Some(value) => format!("become {value}, which means no data"),
             None if voxel_type.is_float() => "become NaN".into(),
             None => "do not occur".into(),
         };
-        let others = slices.iter().any(|(_, m)| m.padding.is_some_and(|padding| padding != [least, greatest]));
+        let others =
+            slices.iter().filter_map(|slice| slice.meaning.padding).any(|padding| padding != [least, greatest]);
         let others = if others { " (other values in some slices)" } else { "" };
         let note = format!("Stored values {least} to {greatest}{others} are padding: they {what}.");
         notes.push(Note::new(note));
@@ -571,11 +544,11 @@ fn notes_on_values(files: &[(Header, Frames)], slices: &[(Slice, Meaning)], voxe
 }
 
 /// Notes padding values outside the pixels' range.
-fn note_on_padding(files: &[(Header, Frames)], slices: &[(Slice, Meaning)], nodata: NoData) -> Option<Note> {
-    let is_left_out = |(slice, meaning): &&(Slice, Meaning)| {
-        nodata == NoData::OfFile && meaning.padding.is_none() && files[slice.file].0.has_padding()
+fn note_on_padding(files: &[(Header, Frames)], slices: &[Slice], nodata: NoData) -> Option<Note> {
+    let is_left_out = |slice: &&Slice| {
+        nodata == NoData::OfFile && slice.meaning.padding.is_none() && files[slice.file].0.has_padding()
     };
-    let (slice, _) = slices.iter().find(is_left_out)?;
+    let slice = slices.iter().find(is_left_out)?;
     let (header, frames) = &files[slice.file];
     let value = header.number(tags::PIXEL_PADDING_VALUE)?;
     let [least, greatest] = frames.format.limits();
@@ -614,11 +587,11 @@ impl Source for DicomSeries {
                 fill(plane, voxel_type, self.blank);
                 continue;
             };
-            let (slice, meaning) = &self.slices[slice];
+            let slice = &self.slices[slice];
             let (header, frames) = &self.files[slice.file];
             let samples = frames.read(header, slice.frame)?;
             let region = frames.in_picture(slice.frame, region);
-            samples.deliver(&frames.format, meaning, voxel_type, region, plane);
+            samples.deliver(&frames.format, &slice.meaning, voxel_type, region, plane);
         }
         Ok(())
     }

@@ -16,7 +16,6 @@ use dicom_parser::dataset::lazy_read::LazyDataSetReader;
 use dicom_parser::{DynStatefulDecoder, StatefulDecode};
 use dicom_transfer_syntax_registry::{TransferSyntax, TransferSyntaxIndex, TransferSyntaxRegistry};
 use flate2::read::DeflateDecoder;
-use std::borrow::Cow;
 use std::cell::Cell;
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -90,6 +89,7 @@ const MOSAIC_SLICES: Tag = Tag(0x0019, 0x100a);
 type Values = BTreeMap<Tag, Arc<PrimitiveValue>>;
 
 /// Header of one DICOM file.
+#[derive(Default)]
 pub(super) struct Header {
     pub(super) path: PathBuf,
     /// The file's stamp when the header was read.
@@ -137,18 +137,7 @@ impl Header {
     fn parse(path: &Path, map: &[u8]) -> Result<Self, ImportError> {
         let not_dicom = || ImportError::invalid(path, "not a DICOM file: expected the letters DICM at byte 128");
         let (syntax, body) = read_meta(path, map, first_group_at(map).ok_or_else(not_dicom)?)?;
-        let mut header = Self {
-            path: path.to_owned(),
-            stamp: None,
-            body: body as u64,
-            inflated_bytes: 0,
-            syntax,
-            top: Values::new(),
-            shared: Values::new(),
-            frames: Vec::new(),
-            has_value_table: false,
-            pixels: None,
-        };
+        let mut header = Self { path: path.to_owned(), body: body as u64, syntax, ..Self::default() };
         if header.is_deflated() {
             header.read_deflated(map.get(body..).unwrap_or(&[]))?;
         } else {
@@ -168,8 +157,7 @@ impl Header {
             let read = inflater.by_ref().take(more).read_to_end(&mut start);
             read.map_err(|error| not_inflated(&path, start.len() as u64, &error))?;
             let is_whole = (start.len() as u64) < most;
-            let (top, shared, frames) = (Values::new(), Values::new(), Vec::new());
-            (self.top, self.shared, self.frames) = (top, shared, frames);
+            self.forget_values();
             (self.has_value_table, self.pixels) = (false, None);
             match self.read_data_set(&start, 0) {
                 found if is_whole => break found?,
@@ -238,8 +226,8 @@ impl Header {
         format!("{name} ({})", self.syntax)
     }
 
-    pub(super) fn series(&self) -> Cow<'_, str> {
-        self.text(tags::SERIES_INSTANCE_UID).unwrap_or(Cow::Borrowed("(none)"))
+    pub(super) fn series(&self) -> String {
+        self.text(tags::SERIES_INSTANCE_UID).unwrap_or_else(|| "(none)".into())
     }
 
     /// Number of frames with a functional group of their own, which gives their position.
@@ -267,9 +255,7 @@ impl Header {
 
     /// Returns an element's value for a frame (counted from 0) as text without padding; `None` if it is missing or empty.
     pub(super) fn written(&self, frame: usize, tag: Tag) -> Option<String> {
-        let text = self.value(frame, tag)?.to_str();
-        let text = text.trim_matches(['\0', ' ']);
-        (!text.is_empty()).then(|| text.to_owned())
+        self.value(frame, tag).map(trimmed).filter(|text| !text.is_empty())
     }
 
     /// An element of a frame (counted from 0), else of all frames, else of the whole file.
@@ -283,12 +269,8 @@ impl Header {
         self.top.get(&tag)?.to_float64().ok().filter(|n| n.is_finite())
     }
 
-    pub(super) fn text(&self, tag: Tag) -> Option<Cow<'_, str>> {
-        let text = self.top.get(&tag)?.to_str();
-        Some(match text {
-            Cow::Borrowed(text) => Cow::Borrowed(text.trim_matches(['\0', ' '])),
-            Cow::Owned(text) => Cow::Owned(text.trim_matches(['\0', ' ']).to_owned()),
-        })
+    pub(super) fn text(&self, tag: Tag) -> Option<String> {
+        self.top.get(&tag).map(|value| trimmed(value))
     }
 
     /// Collects the needed elements up to the pixel data.
@@ -413,6 +395,11 @@ fn as_known(header: DataElementHeader) -> DataElementHeader {
     DataElementHeader { vr: entry.map_or(header.vr, |entry| entry.vr().relaxed()), ..header }
 }
 
+/// Text without its padding.
+fn trimmed(value: &PrimitiveValue) -> String {
+    value.to_str().trim_matches(['\0', ' ']).to_owned()
+}
+
 /// Half a unit in the last decimal place of a number as written; 0 without decimals.
 fn rounding_of(text: &str) -> f64 {
     let lower = text.trim_matches(['\0', ' ']).to_ascii_lowercase();
@@ -445,7 +432,7 @@ fn read_meta(path: &Path, bytes: &[u8], at: usize) -> Result<(String, usize), Im
     while bytes.get(elements.position..elements.position + 2) == Some(&[2, 0]) {
         match elements.next()? {
             Some(Element::Value(_, header)) if header.tag == tags::TRANSFER_SYNTAX_UID => {
-                syntax = Some(elements.read(&header)?.to_str().trim_matches(['\0', ' ']).to_owned());
+                syntax = Some(trimmed(&elements.read(&header)?));
             }
             Some(Element::Value(_, header)) => elements.skip(&header)?,
             _ => break,

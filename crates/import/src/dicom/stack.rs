@@ -3,6 +3,7 @@
 //! Positions and directions are the patient's (mm; x to the left, y to the back, z to the head: "LPS"), as in files. The resulting matrix
 //! uses NIfTI's world, x to the right and y to the front, so that volumes of one patient align in any format.
 
+use super::pixels::Meaning;
 use crate::error::ImportError;
 use crate::note::Note;
 use brickyard_volume::counted;
@@ -39,6 +40,8 @@ pub(super) struct Slice {
     pub(super) pixel_mm: [f64; 2],
     /// The file's distance or thickness of slices, mm, with the element's name: the spacing along z of a single slice.
     pub(super) step_mm: Option<(f64, &'static str)>,
+    /// Meaning of the slice's pixels.
+    pub(super) meaning: Meaning,
 }
 
 /// A stack's place in the world.
@@ -154,32 +157,28 @@ fn check_directions(slices: &[Slice], names: &Names) -> Result<(), ImportError> 
         let apart = [a.along_row - b.along_row, a.along_column - b.along_column];
         apart.iter().all(|d| d.length() <= DIRECTION_TOLERANCE)
     };
-    if let [most, other, ..] = kinds(slices, parallel)[..] {
-        let show = |s: &Slice| format!("{} {}", show(s.along_row), show(s.along_column));
+    if let [(most, many), (other, few), ..] = kinds(slices, parallel)[..] {
+        let (most, other) = (&slices[most], &slices[other]);
+        let [direction, of_most] = [other, most].map(|s| format!("{} {}", show(s.along_row), show(s.along_column)));
+        let such_as = names.of(most);
         let problem = format!(
-            "looks along {} (ImageOrientationPatient), as {} slices do; {} look along {}, such as {}. Slices of one \
-             volume are parallel: name the files of one direction (a series often includes localizers)",
-            show(&slices[other.0]),
-            other.1,
-            most.1,
-            show(&slices[most.0]),
-            names.of(&slices[most.0])
+            "looks along {direction} (ImageOrientationPatient), as {few} slices do; {many} look along {of_most}, such \
+             as {such_as}. Slices of one volume are parallel: name the files of one direction (a series often \
+             includes localizers)"
         );
-        return Err(names.refuse(&slices[other.0], problem));
+        return Err(names.refuse(other, problem));
     }
     let same_pixels =
         |a: &Slice, b: &Slice| (0..2).all(|i| (a.pixel_mm[i] - b.pixel_mm[i]).abs() <= 1e-4 * b.pixel_mm[i]);
-    if let [most, other, ..] = kinds(slices, same_pixels)[..] {
-        let show = |s: &Slice| format!("{} x {} mm", s.pixel_mm[0], s.pixel_mm[1]);
+    if let [(most, many), (other, few), ..] = kinds(slices, same_pixels)[..] {
+        let (most, other) = (&slices[most], &slices[other]);
+        let [[x, y], [most_x, most_y]] = [other.pixel_mm, most.pixel_mm];
+        let such_as = names.of(most);
         let problem = format!(
-            "has pixels of {}, as {} slices do; {} have pixels of {}, such as {}. Name the files of one size",
-            show(&slices[other.0]),
-            other.1,
-            most.1,
-            show(&slices[most.0]),
-            names.of(&slices[most.0])
+            "has pixels of {x} x {y} mm, as {few} slices do; {many} have pixels of {most_x} x {most_y} mm, such as \
+             {such_as}. Name the files of one size"
         );
-        return Err(names.refuse(&slices[other.0], problem));
+        return Err(names.refuse(other, problem));
     }
     Ok(())
 }
