@@ -10,8 +10,6 @@ use super::page::PageFormat;
 use super::tag_scale::ScaleTags;
 use crate::axes::Axis;
 use crate::note::Note;
-use crate::step_time::TimeSpan;
-use brickyard_volume::TimeAxis;
 use serde_json::Value;
 
 /// Most bytes of a description.
@@ -45,12 +43,8 @@ pub(super) fn read(text: &str, format: &PageFormat, tags: &ScaleTags) -> Descrip
     let step = [("finterval", "tunit"), ("TimeIncrement", "TimeIncrementUnit")]
         .iter()
         .find_map(|(step, unit)| Some((number(&values, step).filter(|step| *step != 0.0)?, text_of(&values, unit))));
-    match step.map(|(step, unit)| (step, unit.unwrap_or("s"))) {
-        Some((step, unit)) if declared.times > 1 => {
-            description.set_time(TimeAxis { step, ..TimeAxis::default() }, unit, declared.times);
-        }
-        Some((step, unit)) => description.step_time.increment = TimeSpan::of(step, unit),
-        None => {}
+    if let Some((step, unit)) = step {
+        description.set_increment(step, unit.unwrap_or("s"), declared.times);
     }
     Description { declared: Some(declared), ..description }
 }
@@ -228,6 +222,7 @@ mod tests {
     use super::*;
     use crate::element::Element;
     use crate::testing::{is_warned, said};
+    use brickyard_volume::TimeAxis;
     use brickyard_volume::VoxelType;
 
     fn format(samples: u16, planar: bool) -> PageFormat {

@@ -7,7 +7,6 @@ use super::description::{Declared, Description, Spacing};
 use super::hyperstack::is_length;
 use crate::axes::Axis;
 use crate::note::Note;
-use brickyard_volume::TimeAxis;
 use std::io::{Read, Seek, SeekFrom};
 use tiff::tags::Tag;
 
@@ -95,12 +94,8 @@ fn described(planes: &[[u8; UIC2_BYTES as usize]]) -> Description {
         let stamps =
             planes.iter().map(created).map(|(day, second)| (day - first_day) * DAY_S + second).collect::<Vec<_>>();
         let first = stamps[0];
-        match TimeAxis::of_stamps(stamps.into_iter().map(|stamp| stamp - first).collect(), None) {
-            Ok(axis) => description.set_time(axis, "s", count),
-            Err(problem) => {
-                description.notes.push(Note::warning(format!("MetaMorph's times are left out: {problem}.")));
-            }
-        }
+        let stamps = stamps.into_iter().map(|stamp| stamp - first).collect();
+        description.set_stamps(stamps, "s", "MetaMorph's");
     } else if count > 1 {
         let note = "MetaMorph's planes have no distances, and no times of their own: they are taken along z.";
         description.notes.push(Note::new(note));
@@ -182,6 +177,7 @@ impl<R: Read + Seek> Tags<'_, R> {
 mod tests {
     use super::*;
     use crate::testing::{is_warned, said};
+    use brickyard_volume::TimeAxis;
     use std::io::Cursor;
 
     /// A directory with UIC2 of planes (distance in halves, milliseconds), and UIC1 of a calibration.

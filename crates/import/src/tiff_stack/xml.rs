@@ -12,7 +12,10 @@ pub(super) const LONGEST_NAME: usize = 1024;
 
 /// Creates a reader of a text. Call [`next_piece`] before reading each event.
 pub(super) fn reader<R: BufRead>(text: R) -> Reader<Pieces<R>> {
-    Reader::from_reader(Pieces { text, left: LONGEST_PIECE })
+    let mut xml = Reader::from_reader(Pieces { text, left: LONGEST_PIECE });
+    // An empty element then starts and ends like any other.
+    xml.config_mut().expand_empty_elements = true;
+    xml
 }
 
 /// Allows the next tag or text its full length.
