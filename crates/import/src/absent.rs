@@ -1,11 +1,13 @@
 //! Stand-ins for readers left out of this build: they recognise their files, and refuse them.
 
+use crate::error::ImportError;
+use crate::options::OpenOptions;
+use crate::source::Source;
+use std::path::{Path, PathBuf};
+
 #[cfg(not(feature = "dicom"))]
 pub(crate) mod dicom {
-    use crate::error::ImportError;
-    use crate::options::OpenOptions;
-    use crate::source::Source;
-    use std::path::{Path, PathBuf};
+    use super::*;
 
     fn refuse(path: &Path) -> ImportError {
         ImportError::unsupported_but(path, "DICOM", "this program was built without the feature `dicom`")
@@ -26,10 +28,7 @@ pub(crate) mod dicom {
 
 #[cfg(not(feature = "tiff"))]
 pub(crate) mod tiff_stack {
-    use crate::error::ImportError;
-    use crate::options::OpenOptions;
-    use crate::source::Source;
-    use std::path::{Path, PathBuf};
+    use super::*;
 
     fn refuse(path: &Path) -> ImportError {
         ImportError::unsupported_but(path, "TIFF", "this program was built without the feature `tiff`")

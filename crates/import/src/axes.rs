@@ -1,6 +1,7 @@
 //! The order of an array's axes, as letters slowest first (`tczyx`, like the shape in NumPy).
 
 use brickyard_volume::{Extent, counted};
+use std::fmt::Write;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Axis {
@@ -9,6 +10,18 @@ pub(crate) enum Axis {
     Z,
     Y,
     X,
+}
+
+impl Axis {
+    pub(crate) fn letter(self) -> char {
+        match self {
+            Self::T => 't',
+            Self::C => 'c',
+            Self::Z => 'z',
+            Self::Y => 'y',
+            Self::X => 'x',
+        }
+    }
 }
 
 /// Order of an array's axes, slowest first. Each axis occurs at most once, x and y always. A missing axis has size 1.
@@ -57,13 +70,9 @@ impl std::str::FromStr for AxisOrder {
         };
         let mut axes = Vec::new();
         for letter in s.chars() {
-            let axis = match letter.to_ascii_lowercase() {
-                't' => Axis::T,
-                'c' => Axis::C,
-                'z' => Axis::Z,
-                'y' => Axis::Y,
-                'x' => Axis::X,
-                _ => return Err(refuse(format!("'{letter}' is not an axis"))),
+            let Some(axis) = Self::default().0.into_iter().find(|axis| axis.letter() == letter.to_ascii_lowercase())
+            else {
+                return Err(refuse(format!("'{letter}' is not an axis")));
             };
             if axes.contains(&axis) {
                 return Err(refuse(format!("'{letter}' stands twice")));
@@ -79,16 +88,7 @@ impl std::str::FromStr for AxisOrder {
 
 impl std::fmt::Display for AxisOrder {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        for axis in &self.0 {
-            f.write_str(match axis {
-                Axis::T => "t",
-                Axis::C => "c",
-                Axis::Z => "z",
-                Axis::Y => "y",
-                Axis::X => "x",
-            })?;
-        }
-        Ok(())
+        self.0.iter().try_for_each(|axis| f.write_char(axis.letter()))
     }
 }
 

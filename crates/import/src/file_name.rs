@@ -30,7 +30,7 @@ pub(crate) struct Number {
     pub(crate) written: Written,
 }
 
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub(crate) struct Written {
     text: String,
     /// Digits before the power of ten.
@@ -157,15 +157,7 @@ impl Number {
 
 impl Written {
     fn plain(text: &str) -> Self {
-        let length = text.len();
-        Self {
-            text: text.to_owned(),
-            length,
-            fraction: None,
-            is_signed: false,
-            has_exponent: false,
-            is_doubtful: false,
-        }
+        Self { text: text.to_owned(), length: text.len(), ..Self::default() }
     }
 }
 

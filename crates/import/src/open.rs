@@ -17,7 +17,6 @@ use crate::series::{Series, StepFile};
 use crate::source::{Source, SourceInfo};
 use crate::time::override_time;
 use crate::{dicom, foreign, nifti, npy, tiff_stack};
-use brickyard_volume::VoxelType;
 use std::path::{Path, PathBuf};
 
 /// Readable formats and their names, for the message about an unknown one.
@@ -267,35 +266,28 @@ fn check_used(format: Format, path: &Path, options: &OpenOptions) -> Result<(), 
     Err(ImportError::options(path, problem))
 }
 
-/// A number as held by voxels: floats are narrowed.
-fn narrowed(value: f64, voxel_type: VoxelType) -> f64 {
-    if voxel_type.is_float() { f64::from(value as f32) } else { value }
-}
-
 /// Replaces the file's no-data value with the user's.
 fn override_nodata(info: &mut SourceInfo, path: &Path, nodata: NoData) -> Result<(), ImportError> {
+    let voxel_type = info.voxel_type;
+    let (low, high) = voxel_type.limits();
     let value = match nodata {
         NoData::OfFile => return Ok(()),
         NoData::None => None,
-        NoData::Value(value) if !info.voxel_type.holds(narrowed(value, info.voxel_type)) => {
-            let (low, high) = info.voxel_type.limits();
-            let told = |limit: f64| if info.voxel_type.is_float() { format!("{limit:e}") } else { limit.to_string() };
-            let [low, high] = [low, high].map(told);
-            let kind = if info.voxel_type.is_float() { "numbers" } else { "whole numbers" };
-            let voxel_type = info.voxel_type;
+        NoData::Value(value) if !voxel_type.holds(info.narrowed(value)) => {
+            let (kind, [low, high]) = match voxel_type.is_float() {
+                true => ("numbers", [low, high].map(|limit| format!("{limit:e}"))),
+                false => ("whole numbers", [low, high].map(|limit| limit.to_string())),
+            };
             let problem =
                 format!("`nodata` {value}: voxels are {voxel_type}, expected one of the {kind} from {low} to {high}");
             return Err(ImportError::options(path, problem));
         }
-        NoData::Value(value) if info.voxel_type.is_float() && value != 0.0 && value as f32 == 0.0 => {
+        NoData::Value(value) if voxel_type.is_float() && value != 0.0 && value as f32 == 0.0 => {
             let problem = format!("`nodata` {value:e}: voxels are f32, in which it is 0");
             return Err(ImportError::options(path, problem));
         }
-        NoData::Value(value) => {
-            let (low, high) = info.voxel_type.limits();
-            // The least float may have been given in fewer digits.
-            Some(value.clamp(low, high))
-        }
+        // The least float may have been given in fewer digits.
+        NoData::Value(value) => Some(value.clamp(low, high)),
     };
     (info.nodata, info.knows_nodata) = (value, false);
     Ok(())
@@ -306,6 +298,7 @@ mod tests {
     use super::*;
     use crate::testing::{Field, assert_boxes, temp_file};
     use brickyard_volume::Extent;
+    use brickyard_volume::VoxelType;
     use glam::DVec3;
     use proptest::prelude::*;
 

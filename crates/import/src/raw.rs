@@ -11,7 +11,7 @@ use crate::error::ImportError;
 use crate::losses::Losses;
 use crate::mapped::MappedFile;
 use crate::options::OpenOptions;
-use crate::source::{Lent, Source, SourceInfo};
+use crate::source::{Lent, Source, SourceInfo, Take};
 use brickyard_volume::{Extent, VoxelBox, VoxelType};
 use std::path::Path;
 
@@ -178,13 +178,7 @@ impl Source for RawSource {
         self.file.scratch_bytes()
     }
 
-    fn lend(
-        &self,
-        time: u32,
-        channel: u32,
-        region: VoxelBox,
-        take: &mut dyn FnMut(Lent<'_>),
-    ) -> Result<bool, ImportError> {
+    fn lend(&self, time: u32, channel: u32, region: VoxelBox, take: Take<'_>) -> Result<bool, ImportError> {
         let [x, row_bytes, slice_bytes] = [Axis::X, Axis::Y, Axis::Z].map(|a| self.array.stride(a) as usize);
         if !self.array.decode.is_copy() || x != self.info.voxel_type.bytes() {
             return Ok(false);
@@ -255,8 +249,8 @@ impl BoxCopy {
 
 /// Checks that every axis of more than one element has a letter.
 fn check_letters(path: &Path, array: &ArrayLayout) -> Result<(), ImportError> {
-    for (axis, letter) in [(Axis::Z, 'z'), (Axis::C, 'c'), (Axis::T, 't')] {
-        let size = array.sizes.of(axis);
+    for axis in [Axis::Z, Axis::C, Axis::T] {
+        let (size, letter) = (array.sizes.of(axis), axis.letter());
         if size > 1 && !array.axes.axes().contains(&axis) {
             let problem =
                 format!("axes '{}' have no '{letter}', but a size of {size} along {letter} was given", array.axes);

@@ -61,11 +61,15 @@ impl SourceInfo {
         }
     }
 
+    /// A value as the voxels are, possibly narrowed.
+    pub(crate) fn narrowed(&self, value: f64) -> f64 {
+        if self.voxel_type.is_float() { f64::from(value as f32) } else { value }
+    }
+
     /// Sets the file's no-data value, called `name` there. A value outside the voxel type is dropped, with a note; NaN and infinities hold no
     /// data anyway.
     pub(crate) fn set_nodata(&mut self, value: f64, name: &str) {
-        // As the voxels are, possibly narrowed.
-        let narrowed = if self.voxel_type.is_float() { f64::from(value as f32) } else { value };
+        let narrowed = self.narrowed(value);
         // Any no-data value, even an impossible one, means all other values are data.
         self.knows_nodata = !self.voxel_type.holds(narrowed);
         if self.voxel_type.holds(narrowed) {
@@ -121,6 +125,9 @@ pub struct Lent<'a> {
     pub slice_bytes: usize,
 }
 
+/// Receiver of lent voxels.
+pub(crate) type Take<'a> = &'a mut dyn FnMut(Lent<'_>);
+
 /// A volume, time series or multi-channel set, readable box by box. Calls may come from many threads at once.
 pub trait Source: Send + Sync {
     /// Description of the source: sizes, voxel type and geometry.
@@ -165,13 +172,7 @@ pub trait Source: Send + Sync {
     ///
     /// # Errors
     /// As for [`Source::read_box`]. `take` may have seen a file cut short or written to during the read: discard its result.
-    fn lend(
-        &self,
-        _time: u32,
-        _channel: u32,
-        _region: VoxelBox,
-        _take: &mut dyn FnMut(Lent<'_>),
-    ) -> Result<bool, ImportError> {
+    fn lend(&self, _time: u32, _channel: u32, _region: VoxelBox, _take: Take<'_>) -> Result<bool, ImportError> {
         Ok(false)
     }
 
