@@ -201,12 +201,9 @@ impl<'a> Losses<'a> {
                     .into(),
                 false => format!("pass `allow_lossy` to have such values {}", self.what_becomes_of(fate)),
             };
-            let problem = format!(
-                "voxels are {}, of which {:?} cannot be held as it is in {}; {advice}",
-                self.decode.element.name(),
-                number,
-                self.decode.voxel_type(),
-            );
+            let (name, held_as) = (self.decode.element.name(), self.decode.voxel_type());
+            let problem =
+                format!("voxels are {name}, of which {number:?} cannot be held as it is in {held_as}; {advice}");
             return Err(ImportError::options(self.path, problem));
         }
         match fate {
@@ -240,10 +237,9 @@ impl<'a> Losses<'a> {
         if self.files_before > 0 {
             name += &format!(" and {} files more", self.files_before);
         }
+        let (count, lost) = (self.count, lost.join(", "));
         Note::warning(format!(
-            "Voxels are {from} and are held as {to}: of {} values in {name}, {} (such as {example}).",
-            self.count,
-            lost.join(", ")
+            "Voxels are {from} and are held as {to}: of {count} values in {name}, {lost} (such as {example})."
         ))
     }
 }

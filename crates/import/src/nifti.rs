@@ -228,10 +228,9 @@ fn check_space(directory: &Path, needed: u64) -> Result<(), ImportError> {
     let stat = rustix::fs::statvfs(directory).map_err(|e| ImportError::scratch(directory)(e.into()))?;
     let free = stat.f_bavail.saturating_mul(stat.f_frsize);
     if free < needed {
+        let [needed, free] = [needed, free].map(human_bytes);
         let problem = format!(
-            "{} of scratch space needed to inflate the input, {} free; choose another place with `scratch_dir`",
-            human_bytes(needed),
-            human_bytes(free)
+            "{needed} of scratch space needed to inflate the input, {free} free; choose another place with `scratch_dir`"
         );
         return Err(ImportError::options(directory, problem));
     }
@@ -245,12 +244,10 @@ fn check_space(_directory: &Path, _needed: u64) -> Result<(), ImportError> {
 
 fn cut_short(array: &ArrayLayout, expected: u64, found: u64) -> String {
     let Sizes { extent, channels, times } = array.sizes;
+    let (name, offset, missing) = (array.decode.element.name(), array.offset, expected - found);
     format!(
-        "cut short: the header implies {expected} bytes ({extent} {}, {channels} channels, {times} time steps, from byte {}), \
-         found {found} ({} missing)",
-        array.decode.element.name(),
-        array.offset,
-        expected - found
+        "cut short: the header implies {expected} bytes ({extent} {name}, {channels} channels, {times} time steps, from \
+         byte {offset}), found {found} ({missing} missing)"
     )
 }
 

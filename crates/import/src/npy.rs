@@ -42,11 +42,9 @@ pub(crate) fn open(path: &Path, options: &OpenOptions) -> Result<RawSource, Impo
     let expected = body.saturating_add(header.body_offset);
     let found = file.len() as u64;
     if found < expected {
+        let (shape, name, missing) = (header.shape, header.element.name(), expected - found);
         let problem = format!(
-            "cut short: expected {expected} bytes for shape {:?} of {}, found {found} ({} missing)",
-            header.shape,
-            header.element.name(),
-            expected - found
+            "cut short: expected {expected} bytes for shape {shape:?} of {name}, found {found} ({missing} missing)"
         );
         return Err(ImportError::invalid(path, problem));
     }

@@ -146,10 +146,9 @@ fn check_directions(slices: &[Slice], names: &Names) -> Result<(), ImportError> 
     let (row, column) = (first.along_row, first.along_column);
     let upright = [row.length() - 1.0, column.length() - 1.0, row.dot(column)];
     if upright.iter().any(|e| e.abs() >= 1e-3) {
+        let (row, column) = (show(row), show(column));
         let problem = format!(
-            "ImageOrientationPatient {} {} is not two perpendicular directions of length 1; write the file again",
-            show(row),
-            show(column)
+            "ImageOrientationPatient {row} {column} is not two perpendicular directions of length 1; write the file again"
         );
         return Err(names.refuse(first, problem));
     }
@@ -242,13 +241,11 @@ fn check_doubles(gaps: &[f64], typical: f64, slices: &[Slice], names: &Names) ->
     let is_double = |gap: &f64| *gap <= SPACING_TOLERANCE * typical;
     let Some(at) = gaps.iter().position(is_double) else { return Ok(()) };
     let (a, b) = (&slices[at], &slices[at + 1]);
+    let (other, position, count) = (names.of(a), show(b.position), slices.len());
+    let positions = count - gaps.iter().filter(|gap| is_double(gap)).count();
     let problem = format!(
-        "has the position of {}, {}: {} slices at {} positions; name the files of one time step, echo or phase only, \
-         each once",
-        names.of(a),
-        show(b.position),
-        slices.len(),
-        slices.len() - gaps.iter().filter(|gap| is_double(gap)).count()
+        "has the position of {other}, {position}: {count} slices at {positions} positions; name the files of one time \
+         step, echo or phase only, each once"
     );
     Err(names.refuse(b, problem))
 }
@@ -301,21 +298,15 @@ fn uneven(gaps: &[f64], steps: Steps, slices: &[Slice], names: &Names) -> Import
         Some(_) => "add the missing files, or name those of an evenly spaced part".into(),
         None => {
             let ([x, y], mean) = (slices[0].pixel_mm, gaps.iter().sum::<f64>() / gaps.len() as f64);
-            format!(
-                "pass `spacing` {x},{y},{} to take the slices as evenly spaced, which moves some of them",
-                round(mean)
-            )
+            let z = round(mean);
+            format!("pass `spacing` {x},{y},{z} to take the slices as evenly spaced, which moves some of them")
         }
     };
+    let [from, to] = [at, at + 1].map(|i| format!("{} (at {})", names.of(&slices[i]), show(slices[i].position)));
+    let (gap, all) = (gaps[at], gaps.len());
     let problem = format!(
-        "slices are not evenly spaced: expected {expected:.4} mm from one to the next, found {:.4} mm from {} (at {}) to {} \
-         (at {}){found}; {count} of {} steps differ; {advice}",
-        gaps[at],
-        names.of(&slices[at]),
-        show(slices[at].position),
-        names.of(&slices[at + 1]),
-        show(slices[at + 1].position),
-        gaps.len(),
+        "slices are not evenly spaced: expected {expected:.4} mm from one to the next, found {gap:.4} mm from {from} to \
+         {to}{found}; {count} of {all} steps differ; {advice}"
     );
     names.refuse(&slices[at + 1], problem)
 }
@@ -347,12 +338,11 @@ fn check_lean(slices: &[Slice], normal: DVec3, names: &Names) -> Result<(), Impo
         return Ok(());
     }
     let along = (worst.position - first.position).dot(normal);
+    let (lean, first) = (lean(worst), names.of(first));
+    let degrees = (lean / along).atan().to_degrees();
     let problem = format!(
-        "the stack leans: slices are shifted sideways by {:.3} mm over {along:.3} mm ({:.2} degrees, a tilted gantry), from {} to here; \
-         a store holds upright volumes only: resample it first (dcm2niix does)",
-        lean(worst),
-        (lean(worst) / along).atan().to_degrees(),
-        names.of(first)
+        "the stack leans: slices are shifted sideways by {lean:.3} mm over {along:.3} mm ({degrees:.2} degrees, a tilted \
+         gantry), from {first} to here; a store holds upright volumes only: resample it first (dcm2niix does)"
     );
     Err(names.refuse(worst, problem))
 }

@@ -68,10 +68,9 @@ fn document(bytes: &[u8]) -> Result<(Document, Option<Vec<u8>>), String> {
     };
     let needed = json_bytes(&json);
     if needed > MOST_JSON_BYTES {
+        let [needed, most] = [needed, MOST_JSON_BYTES].map(|bytes| bytes >> 20);
         return Err(format!(
-            "its JSON would take up to {} MiB, more than {}: save the mesh with fewer nodes",
-            needed >> 20,
-            MOST_JSON_BYTES >> 20
+            "its JSON would take up to {needed} MiB, more than {most}: save the mesh with fewer nodes"
         ));
     }
     let root: gltf::json::Root = gltf::json::deserialize::from_slice(&json).map_err(|error| not_gltf(error.into()))?;
@@ -139,10 +138,9 @@ fn check_size(nodes: &[(Node<'_>, DMat4)], buffers: &[Vec<u8>]) -> Result<(), St
     let own: u64 = buffers.iter().map(|buffer| buffer.len() as u64).sum();
     let most = MOST_PLACED_BYTES.max(own.saturating_mul(MOST_COPIES));
     if needed > most {
+        let [needed, most] = [needed, most].map(|bytes| bytes >> 20);
         return Err(format!(
-            "with all its copies the mesh would take {} MiB, more than {}: save it with fewer nodes of the same mesh",
-            needed >> 20,
-            most >> 20
+            "with all its copies the mesh would take {needed} MiB, more than {most}: save it with fewer nodes of the same mesh"
         ));
     }
     Ok(())

@@ -137,14 +137,9 @@ impl Fields {
                 return Err(Refusal::Unsupported(format!("datatype {code} ({name})")));
             }
         };
-        if self.bitpix as usize != element.bytes() * 8 {
-            let problem = format!(
-                "datatype {} has {} bits, but bitpix says {}",
-                element.name(),
-                element.bytes() * 8,
-                self.bitpix
-            );
-            return Err(Refusal::Invalid(problem));
+        let (name, bits, bitpix) = (element.name(), element.bytes() * 8, self.bitpix);
+        if bitpix as usize != bits {
+            return Err(Refusal::Invalid(format!("datatype {name} has {bits} bits, but bitpix says {bitpix}")));
         }
         Ok(element)
     }

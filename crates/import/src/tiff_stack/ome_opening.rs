@@ -19,6 +19,7 @@ use crate::source::Source;
 use brickyard_volume::counted;
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
+use std::sync::Mutex;
 
 /// Whether files are exactly the OME set that includes the first.
 ///
@@ -166,7 +167,7 @@ impl Opening<'_> {
             Some(_) => check_used(&set.paths, &map)?,
         };
         let WalkedSet { files, idle, reader_bytes, .. } = walked;
-        let parts = Parts { files, format, map, reader_bytes, idle };
+        let parts = Parts { files, format, map, reader_bytes, idle: Mutex::new(idle) };
         let mut stack = TiffStack::new(parts, description, self.options)?;
         // A separate XML file may change while the files with pages stay.
         if own.is_none() {

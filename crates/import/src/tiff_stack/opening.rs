@@ -18,6 +18,7 @@ use crate::raw::{ArrayLayout, RawSource, identity};
 use crate::source::{Source, SourceInfo};
 use brickyard_volume::counted;
 use std::path::{Path, PathBuf};
+use std::sync::Mutex;
 
 /// Whether a TIFF file has more than one plane: several pages, apart from smaller copies and masks of others; or a stack behind a single
 /// directory, unless `axes` describe the pages.
@@ -124,13 +125,12 @@ pub(crate) fn open_planes(paths: &[PathBuf], options: &OpenOptions) -> Result<Bo
                 return Err(ImportError::invalid(path, problem));
             }
             Some((_, expected)) if description.nodata != expected.nodata && options.nodata == NoData::OfFile => {
-                let value = |nodata: Option<f64>| nodata.map_or("no value".into(), |value| value.to_string());
+                let [own, other] = [description.nodata, expected.nodata]
+                    .map(|nodata| nodata.map_or("no value".into(), |value| value.to_string()));
+                let first = paths[0].display();
                 let problem = format!(
-                    "marks pixels without data with {} (GDAL_NODATA), but {} with {}; give one value for all with \
-                     `nodata`",
-                    value(description.nodata),
-                    paths[0].display(),
-                    value(expected.nodata)
+                    "marks pixels without data with {own} (GDAL_NODATA), but {first} with {other}; give one value for all \
+                     with `nodata`"
                 );
                 return Err(ImportError::options(path, problem));
             }
@@ -155,7 +155,7 @@ pub(crate) fn open_planes(paths: &[PathBuf], options: &OpenOptions) -> Result<Bo
     let (map, note) =
         arrange(1, paths.len() as u32, options, None, &format).map_err(|misfit| walk::misfit(&paths[0], misfit))?;
     description.notes.extend(note);
-    let parts = Parts { files, format, map, reader_bytes, idle: Vec::new() };
+    let parts = Parts { files, format, map, reader_bytes, idle: Mutex::default() };
     Ok(Box::new(TiffStack::new(parts, &description, options)?))
 }
 
@@ -192,12 +192,9 @@ fn check_scale(
         let unit = of.unit.map(|unit| format!(" {unit}")).unwrap_or_default();
         of.spacing.map_or("no size".into(), |Spacing { x, y, .. }| format!("{x} x {y}{unit}"))
     };
-    let problem = format!(
-        "has pixels of {}, but {} has pixels of {}; give `spacing` and `unit` for all",
-        describe(description),
-        first_path.display(),
-        describe(first)
-    );
+    let (first_path, [own, other]) = (first_path.display(), [description, first].map(describe));
+    let problem =
+        format!("has pixels of {own}, but {first_path} has pixels of {other}; give `spacing` and `unit` for all");
     Err(ImportError::options(path, problem))
 }
 
@@ -240,11 +237,10 @@ fn open_contiguous(
     let file = MappedFile::open(path)?;
     let found = file.len() as u64;
     if found < expected {
+        let (planes, missing) = (declared.planes(), expected - found);
         let problem = format!(
-            "its description declares {} planes of {format}, so at least {expected} bytes are expected; found {found} \
-             ({} missing); pass `axes` zyx to take its one page",
-            declared.planes(),
-            expected - found
+            "its description declares {planes} planes of {format}, so at least {expected} bytes are expected; found \
+             {found} ({missing} missing); pass `axes` zyx to take its one page"
         );
         return Err(ImportError::invalid(path, problem));
     }

@@ -144,13 +144,11 @@ pub(super) enum Misfit {
 
 /// Message for a description of more or fewer planes than pages. `holders` hold the pages.
 pub(super) fn too_few_or_many(sizes: Sizes, pages: u64, holders: &str) -> String {
+    let (planes, Sizes { extent, channels, times }) = (sizes.planes(), sizes);
+    let z = extent.z;
     format!(
-        "its description declares {} planes ({} along z, {} channels, {} time steps), but {holders} {pages} pages; \
-         pass `axes` zyx to take the pages as they are",
-        sizes.planes(),
-        sizes.extent.z,
-        sizes.channels,
-        sizes.times
+        "its description declares {planes} planes ({z} along z, {channels} channels, {times} time steps), but {holders} \
+         {pages} pages; pass `axes` zyx to take the pages as they are"
     )
 }
 

@@ -12,6 +12,7 @@ use crate::options::OpenOptions;
 use crate::source::Source;
 use brickyard_volume::counted;
 use std::path::Path;
+use std::sync::Mutex;
 
 /// Opens the pages of one file by their description. `tiff` stands at the first.
 pub(super) fn open_pages(
@@ -44,7 +45,7 @@ pub(super) fn open_pages(
         format!("{pages} {are} (by NewSubfileType, or half as large), and left out{all}.")
     });
     let map = map.without(&left_out);
-    let parts = Parts { files: vec![file], format, map, reader_bytes, idle: vec![(0, tiff)] };
+    let parts = Parts { files: vec![file], format, map, reader_bytes, idle: Mutex::new(vec![(0, tiff)]) };
     let mut stack = TiffStack::new(parts, description, options)?;
     stack.info.notes.extend(note);
     stack.info.notes.extend(copies.map(Note::new));
