@@ -318,10 +318,8 @@ fn find_slice(
                 || header.written(frame, tag).map(|text| format!("'{}'", text.chars().take(80).collect::<String>()));
             let found = found.map(|numbers| format!("{numbers:?}")).or_else(written).unwrap_or_else(|| "none".into());
             let place = if header.placed_frames() > 0 { format!("frame {}: ", frame + 1) } else { String::new() };
-            ImportError::invalid(
-                &header.path,
-                format!("{place}expected {count} numbers of {name} {tag}, found {found}; {help}"),
-            )
+            let problem = format!("{place}expected {count} numbers of {name} {tag}, found {found}; {help}");
+            ImportError::invalid(&header.path, problem)
         })
     };
     let unplaced =

@@ -206,8 +206,7 @@ pub(crate) fn in_decimals(count: i128, place: i64) -> String {
     format!("{sign}{integer}{point}{fraction}")
 }
 
-/// A name and its numbers. Names are ordered by their texts and numbers in turn.
-#[derive(PartialEq, Eq)]
+/// A name and its numbers.
 pub(crate) struct Name {
     /// Text between the numbers.
     pub(crate) texts: Vec<String>,
@@ -248,20 +247,13 @@ impl Name {
         letters.into_iter().rev().collect::<String>().to_lowercase()
     }
 
-    fn pieces(&self) -> impl Iterator<Item = (&String, Option<&Number>)> {
-        self.texts.iter().zip(self.numbers.iter().map(Some).chain([None]))
-    }
-}
-
-impl Ord for Name {
-    fn cmp(&self, other: &Self) -> Ordering {
+    /// The order of the texts and numbers in turn.
+    pub(crate) fn order(&self, other: &Self) -> Ordering {
         self.pieces().cmp(other.pieces())
     }
-}
 
-impl PartialOrd for Name {
-    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
-        Some(self.cmp(other))
+    fn pieces(&self) -> impl Iterator<Item = (&String, Option<&Number>)> {
+        self.texts.iter().zip(self.numbers.iter().map(Some).chain([None]))
     }
 }
 

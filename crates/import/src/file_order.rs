@@ -98,7 +98,7 @@ impl ByNumbers {
         if names.iter().all(|(name, _)| name.is_plain()) {
             return plain;
         }
-        names.sort();
+        names.sort_by(|(a, first), (b, second)| a.order(b).then_with(|| first.cmp(second)));
         let (names, values): (Vec<Name>, Vec<PathBuf>) =
             names.into_iter().map(|(name, path)| (name, path.clone())).unzip();
         let is_by_values = values != plain.paths;

@@ -230,14 +230,14 @@ fn format_of(path: &Path, options: &OpenOptions) -> Result<Format, ImportError> 
 /// Refuses folders within a list, and files without random access.
 fn check_kind(path: &Path) -> Result<(), ImportError> {
     let kind = std::fs::metadata(path).map_err(ImportError::io(path))?.file_type();
-    match kind {
-        kind if kind.is_file() => Ok(()),
-        kind if kind.is_dir() => Err(ImportError::invalid(
-            path,
-            "a folder among other inputs: name its files, or pack one folder and append the others",
-        )),
-        _ => Err(ImportError::invalid(path, "a pipe or a device, without random access; write it to a file first")),
-    }
+    let problem = match kind {
+        kind if kind.is_file() => return Ok(()),
+        kind if kind.is_dir() => {
+            "a folder among other inputs: name its files, or pack one folder and append the others"
+        }
+        _ => "a pipe or a device, without random access; write it to a file first",
+    };
+    Err(ImportError::invalid(path, problem))
 }
 
 /// Refuses options without effect on the format: their caller expects other voxels.

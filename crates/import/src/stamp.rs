@@ -41,9 +41,7 @@ impl Stamp {
             true => "it was written to or replaced".into(),
             false => format!("expected {} bytes, as it had when it was opened, found {}", self.bytes, found.bytes),
         };
-        Err(ImportError::invalid(
-            path,
-            format!("changed while it was read: {how}; start over when no program writes to it"),
-        ))
+        let problem = format!("changed while it was read: {how}; start over when no program writes to it");
+        Err(ImportError::invalid(path, problem))
     }
 }

@@ -61,19 +61,15 @@ fn read_stamps(path: &Path, times: u32) -> Result<Vec<f64>, ImportError> {
         let stamp = line.parse::<f64>().ok().filter(|stamp| stamp.is_finite());
         stamp.ok_or_else(|| {
             let start: String = line.chars().take(40).collect();
-            ImportError::invalid(
-                path,
-                format!("line {number}: expected the time of one step, a number, found '{start}'"),
-            )
+            let problem = format!("line {number}: expected the time of one step, a number, found '{start}'");
+            ImportError::invalid(path, problem)
         })
     });
     let stamps: Vec<f64> = stamps.collect::<Result<_, _>>()?;
     if stamps.len() != times as usize {
         let (steps, found) = (counted(times.into(), "time step"), stamps.len());
-        return Err(ImportError::options(
-            path,
-            format!("`time_stamps`: holds {found} numbers, but the input has {steps}"),
-        ));
+        let problem = format!("`time_stamps`: holds {found} numbers, but the input has {steps}");
+        return Err(ImportError::options(path, problem));
     }
     Ok(stamps)
 }

@@ -536,10 +536,7 @@ impl<'a> Elements<'a> {
                         self.position = end;
                         return Ok(Some(Element::Unread(tag)));
                     }
-                    if self.sequences.len() == DEEPEST {
-                        return Err(damaged(self.path, self.position, &"sequences nest too deeply"));
-                    }
-                    self.sequences.push(tag);
+                    self.open(tag)?;
                     return Ok(Some(Element::Sequence(&self.sequences[..self.sequences.len() - 1], tag)));
                 }
                 LazyDataToken::ItemStart { .. } => {
@@ -547,12 +544,7 @@ impl<'a> Elements<'a> {
                     return Ok(Some(Element::Sequence(&self.sequences, ITEM)));
                 }
                 // A packed icon within a sequence: its fragments are skipped.
-                LazyDataToken::PixelSequenceStart => {
-                    if self.sequences.len() == DEEPEST {
-                        return Err(damaged(self.path, self.position, &"sequences nest too deeply"));
-                    }
-                    self.sequences.push(tags::PIXEL_DATA);
-                }
+                LazyDataToken::PixelSequenceStart => self.open(tags::PIXEL_DATA)?,
                 LazyDataToken::LazyItemValue { len, decoder } => {
                     check_end(path, self.bytes, decoder, tags::PIXEL_DATA, len)?;
                     decoder.skip_bytes(len).map_err(|e| damaged(path, position, &e))?;
@@ -565,6 +557,15 @@ impl<'a> Elements<'a> {
                 _ => return Err(damaged(self.path, self.position, &"an end without a beginning")),
             }
         }
+    }
+
+    /// Records the start of a sequence.
+    fn open(&mut self, tag: Tag) -> Result<(), ImportError> {
+        if self.sequences.len() == DEEPEST {
+            return Err(damaged(self.path, self.position, &"sequences nest too deeply"));
+        }
+        self.sequences.push(tag);
+        Ok(())
     }
 
     /// Whether the last header is explicit and of unknown representation.

@@ -8,7 +8,7 @@ use super::ome_pages::{self, Files};
 use super::ome_set::{Set, check_uuid, follow, is_companion, read_companion};
 use super::page::{OpenTiff, PageFormat};
 use super::page_map::{PageMap, Place, of_page};
-use super::walk::{Pages, Walked, odd_page, open_pages, refuse_problem};
+use super::walk::{Walked, odd_page, open_pages, refuse_problem};
 use super::{MOST_IDLE, Parts, TiffFile, TiffStack};
 use crate::error::ImportError;
 use crate::files::name_of;
@@ -192,7 +192,7 @@ impl Opening<'_> {
                 Some(tiff) => tiff,
                 None => self.part(part, set.uuids[number as usize].as_deref())?,
             };
-            let Walked { file, tiff, reader_bytes, odd, .. } = Walked::of(tiff, format, Pages::All, None)?;
+            let Walked { file, tiff, reader_bytes, odd, .. } = Walked::of(tiff, format, None)?;
             if file.pages > 1 && all.idle.len() < MOST_IDLE {
                 all.idle.push((number, tiff.rest()));
             }

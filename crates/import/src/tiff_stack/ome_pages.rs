@@ -39,7 +39,7 @@ pub(super) fn map(pixels: &Pixels, sizes: Sizes, files: &Files) -> Result<PageMa
         }
         mapping.take(TiffData { first, ..*data })?;
     }
-    let Mapping { places, .. } = mapping;
+    let places = mapping.places;
     if let Some(missing) = places.iter().position(|&place| place == UNSET) {
         let plane = Plane(sizes.plane_of(missing as u64, &LISTED));
         return Err(format!(
@@ -71,11 +71,7 @@ impl Mapping<'_> {
             return Err(format!("its OME-XML (TiffData) names {plane}, which is outside of its sizes"));
         }
         let ifd = data.ifd.unwrap_or(0);
-        let count = match data.count {
-            Some(count) => count,
-            None if data.ifd.is_some() => 1,
-            None => pages,
-        };
+        let count = data.count.unwrap_or(if data.ifd.is_some() { 1 } else { pages });
         let start = self.sizes.number_of(data.first, &self.pixels.axes);
         for i in 0..count {
             let page = ifd.checked_add(i).filter(|&page| page < pages).ok_or_else(|| {

@@ -32,10 +32,8 @@ pub(super) fn read_companion(path: &Path) -> Result<Description, ImportError> {
     let file = File::open(path).map_err(ImportError::io(path))?;
     let bytes = file.metadata().map_err(ImportError::io(path))?.len();
     if bytes > LONGEST_DESCRIPTION {
-        return Err(ImportError::unsupported(
-            path,
-            format!("OME-XML of {bytes} bytes, more than {LONGEST_DESCRIPTION},"),
-        ));
+        let feature = format!("OME-XML of {bytes} bytes, more than {LONGEST_DESCRIPTION},");
+        return Err(ImportError::unsupported(path, feature));
     }
     match ome::read(BufReader::new(file.take(LONGEST_DESCRIPTION))) {
         Ok(Some(description)) => Ok(description),

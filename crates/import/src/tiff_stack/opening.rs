@@ -112,34 +112,31 @@ pub(crate) fn open_planes(paths: &[PathBuf], options: &OpenOptions) -> Result<Bo
         if options.axes.is_none() && options.order.is_none() {
             check_is_no_part(path, &description)?;
         }
-        if let Some((_, expected)) = &first {
-            check_scale(path, &description, (&paths[0], expected), options)?;
-        }
         files.push(TiffFile { path: path.clone(), stamp: tiff.stamp, pages: 1 });
-        match &first {
-            Some((_, expected)) if description.calibration != expected.calibration => {
-                let problem = format!(
-                    "its values are calibrated (ImageJ's c0, c1, cf) unlike those of {}; calibrate all alike",
-                    paths[0].display()
-                );
-                return Err(ImportError::invalid(path, problem));
-            }
-            Some((_, expected)) if description.nodata != expected.nodata && options.nodata == NoData::OfFile => {
-                let [own, other] = [description.nodata, expected.nodata]
-                    .map(|nodata| nodata.map_or("no value".into(), |value| value.to_string()));
-                let first = paths[0].display();
-                let problem = format!(
-                    "marks pixels without data with {own} (GDAL_NODATA), but {first} with {other}; give one value for all \
-                     with `nodata`"
-                );
-                return Err(ImportError::options(path, problem));
-            }
-            Some((expected, _)) if format != *expected => {
-                let problem = format!("is {format}, but {} is {expected}", paths[0].display());
-                return Err(ImportError::invalid(path, problem));
-            }
-            Some(_) => {}
-            None => first = Some((format, description)),
+        let Some((expected_format, expected)) = &first else {
+            first = Some((format, description));
+            continue;
+        };
+        check_scale(path, &description, (&paths[0], expected), options)?;
+        let first_path = paths[0].display();
+        if description.calibration != expected.calibration {
+            let problem = format!(
+                "its values are calibrated (ImageJ's c0, c1, cf) unlike those of {first_path}; calibrate all alike"
+            );
+            return Err(ImportError::invalid(path, problem));
+        }
+        if description.nodata != expected.nodata && options.nodata == NoData::OfFile {
+            let [own, other] = [description.nodata, expected.nodata]
+                .map(|nodata| nodata.map_or("no value".into(), |value| value.to_string()));
+            let problem = format!(
+                "marks pixels without data with {own} (GDAL_NODATA), but {first_path} with {other}; give one value for \
+                 all with `nodata`"
+            );
+            return Err(ImportError::options(path, problem));
+        }
+        if format != *expected_format {
+            let problem = format!("is {format}, but {first_path} is {expected_format}");
+            return Err(ImportError::invalid(path, problem));
         }
     }
     let Some((format, mut description)) = first else {

@@ -46,10 +46,7 @@ pub(super) fn read(file: &mut (impl Read + Seek), ifd: u64, file_bytes: u64) -> 
         Some([4, 8].map(|at| u64::from(long(entry, at))))
     };
     let Some([planes, at]) = find(UIC2_NUMBER) else { return Ok(None) };
-    let uic2 = match planes <= MOST_PLANES {
-        true => tags.bytes(at, planes * UIC2_BYTES)?,
-        false => None,
-    };
+    let uic2 = if planes <= MOST_PLANES { tags.bytes(at, planes * UIC2_BYTES)? } else { None };
     let Some(uic2) = uic2.filter(|bytes| !bytes.is_empty()) else {
         let problem = format!("is a MetaMorph stack (STK) of {planes} planes, but its tag 33629 (UIC2) is cut short");
         return Ok(Some(Description::unreadable(problem)));

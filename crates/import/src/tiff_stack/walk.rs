@@ -21,9 +21,7 @@ pub(super) fn open_pages(
     description: &Description,
     options: &OpenOptions,
 ) -> Result<Box<dyn Source>, ImportError> {
-    // The user's axes cover all pages.
-    let of = if options.axes.is_some() { Pages::All } else { Pages::WithoutCopies };
-    let Walked { file, tiff, reader_bytes, odd, left_out, thumbnails } = Walked::of(tiff, &format, of, Some(options))?;
+    let Walked { file, tiff, reader_bytes, odd, left_out, thumbnails } = Walked::of(tiff, &format, Some(options))?;
     if let Some(problem) = thumbnails.problem(file.pages - left_out.len() as u32) {
         return Err(ImportError::invalid(&file.path, problem));
     }
@@ -83,27 +81,18 @@ pub(super) struct Walked {
     pub(super) thumbnails: Thumbnails,
 }
 
-/// The pages of a file to examine.
-#[derive(Clone, Copy, PartialEq)]
-pub(super) enum Pages {
-    All,
-    /// All but smaller copies and masks of others, unless the first page is one: then all are of that kind, or it is meant itself. A page at most
-    /// half as large as the first is a copy.
-    WithoutCopies,
-}
-
 impl Walked {
     /// Walks the directories of a file from its first page on, expecting `format`. With `options`, the tags of pages about pixels are checked, unless
-    /// the options replace them.
+    /// the options replace them, and smaller copies and masks of other pages are left out, unless the user's axes cover all pages or the first page
+    /// is one: then all are of that kind, or it is meant itself. A page at most half as large as the first is a copy.
     pub(super) fn of(
         mut tiff: OpenTiff,
         format: &PageFormat,
-        of: Pages,
         options: Option<&OpenOptions>,
     ) -> Result<Self, ImportError> {
         let path = tiff.path.clone();
         let first = options.map(|options| PageTags::of(&mut tiff, format, options)).transpose()?;
-        let leaves_out = of == Pages::WithoutCopies && !tiff.is_copy_or_mask()?;
+        let leaves_out = options.is_some_and(|options| options.axes.is_none()) && !tiff.is_copy_or_mask()?;
         let (mut pages, mut reader_bytes, mut odd) = (1u32, 0, None);
         let (mut left_out, mut thumbnails) = (Vec::new(), Thumbnails::default());
         loop {
