@@ -28,7 +28,7 @@ use crate::element::smallest_type;
 use crate::error::ImportError;
 use crate::files::{first_bytes, folder_of, name_of};
 use crate::note::Note;
-use crate::options::{Gaps, HeldAs, NoData, OpenOptions};
+use crate::options::{HeldAs, NoData, OpenOptions};
 use crate::placement;
 use crate::raw::identity;
 use crate::source::{Access, Source, SourceInfo};
@@ -38,7 +38,7 @@ use frames::Frames;
 use glam::DVec3;
 use header::Header;
 use pixels::Meaning;
-use stack::{Names, Slice, Spacing, kinds};
+use stack::{Names, Slice, kinds};
 use std::path::{Path, PathBuf};
 
 /// Largest frame decoded in search of the smallest voxel type: there is no memory budget yet.
@@ -152,14 +152,9 @@ pub(crate) fn open_series(
         headers.last().into_iter().for_each(|last| header.share_values(last));
         headers.push(header);
     }
-    let notes: Vec<Note> = match others[..] {
-        [] => Vec::new(),
-        [first, ..] => {
-            let note =
-                format!("{} DICOM files without an image, such as {}, are left out.", others.len(), first.display());
-            vec![Note::new(note)]
-        }
-    };
+    let (count, such_as) = (others.len(), others.first().map(|first| first.display()));
+    let left_out =
+        such_as.map(|first| Note::new(format!("{count} DICOM files without an image, such as {first}, are left out.")));
     let Some(first) = headers.first() else {
         let place = paths.first().and_then(|p| p.parent()).unwrap_or(Path::new("input"));
         return Err(ImportError::invalid(place, format!("{} DICOM files, none of them an image", paths.len())));
@@ -175,7 +170,7 @@ pub(crate) fn open_series(
         );
         return Err(ImportError::options(place, problem));
     }
-    DicomSeries::new(headers, options, notes).map(|s| Box::new(s) as _)
+    DicomSeries::new(headers, options, left_out.into_iter().collect()).map(|s| Box::new(s) as _)
 }
 
 fn is_image(header: &Header) -> bool {
@@ -207,12 +202,7 @@ impl DicomSeries {
         }
         let paths: Vec<PathBuf> = files.iter().map(|(header, _)| header.path.clone()).collect();
         let names = Names { paths: &paths, by_frame: files.iter().any(|(_, frames)| frames.count() > 1) };
-        let spacing = match (options.gaps, options.spacing) {
-            (Gaps::Blank, _) => Spacing::WithGaps,
-            (Gaps::Refuse, Some(spacing)) => Spacing::Told(spacing.z),
-            (Gaps::Refuse, None) => Spacing::Even,
-        };
-        let placement = stack::arrange(&mut slices, &names, spacing)?;
+        let placement = stack::arrange(&mut slices, &names, options)?;
         let mut places = vec![None; placement.levels.last().map_or(0, |level| *level as usize + 1)];
         placement.levels.iter().enumerate().for_each(|(slice, level)| places[*level as usize] = Some(slice));
         let missing = places.iter().filter(|place| place.is_none()).count();

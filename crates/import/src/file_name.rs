@@ -60,11 +60,8 @@ impl Number {
 
     /// Whether the number is written as -0, never printed by a program counting below 0.
     pub(crate) fn is_minus_zero(&self) -> bool {
-        self.written.text.starts_with('-') && self.is_plain_zero()
-    }
-
-    fn is_plain_zero(&self) -> bool {
-        self.digits.is_empty() && self.written.fraction.is_none() && !self.written.has_exponent
+        let Written { text, fraction, has_exponent, .. } = &self.written;
+        text.starts_with('-') && self.digits.is_empty() && fraction.is_none() && !has_exponent
     }
 
     /// Whether the number lies between -1 and 1.

@@ -9,10 +9,10 @@ use std::path::{Path, PathBuf};
 
 /// A memory-mapped file. Bytes lost by the file read as zeros, so call [`MappedFile::confirm`] after every read.
 pub(crate) struct MappedFile {
-    path: PathBuf,
+    pub(crate) path: PathBuf,
     map: GuardedMap,
-    /// `None` for a scratch file without a name, which nobody else can change.
-    stamp: Option<Stamp>,
+    /// The file's stamp when it was opened; `None` for a scratch file without a name, which nobody else can change.
+    pub(crate) stamp: Option<Stamp>,
 }
 
 impl MappedFile {
@@ -30,18 +30,9 @@ impl MappedFile {
         Ok(Self { path: path.to_owned(), map, stamp: None })
     }
 
-    /// The file's stamp when it was opened; `None` for a scratch file.
-    pub(crate) fn stamp(&self) -> Option<Stamp> {
-        self.stamp
-    }
-
     /// Bytes of scratch space: none, unless this is a scratch file.
     pub(crate) fn scratch_bytes(&self) -> u64 {
         if self.stamp.is_some() { 0 } else { self.map.len() as u64 }
-    }
-
-    pub(crate) fn path(&self) -> &Path {
-        &self.path
     }
 
     /// Checks that the bytes read so far are the file's.

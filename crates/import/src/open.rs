@@ -40,11 +40,8 @@ pub fn open(inputs: &[PathBuf], options: &OpenOptions) -> Result<Box<dyn Source>
         [one] => pattern::expand(one)?.map_or_else(|| (vec![one.clone()], false, false), |files| (files, false, true)),
         files => (files.to_vec(), false, false),
     };
-    let order = match options.order {
-        // The given order is that of the steps, not of the files in a folder that forms one step.
-        Some(FileOrder::Given) if options.is_step => None,
-        order => order,
-    };
+    // The given order is that of the steps, not of the files in a folder that forms one step.
+    let order = options.order.filter(|order| *order != FileOrder::Given || !options.is_step);
     let format = format_of(&paths[0], options)?;
     for path in &paths[1..] {
         if format_of(path, options)? != format {

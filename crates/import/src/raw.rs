@@ -115,7 +115,7 @@ impl RawSource {
         let needed = array.body_bytes().ok().and_then(|body| body.checked_add(array.offset));
         if needed.is_none_or(|needed| needed > file.len() as u64) {
             let problem = format!("shrank to {} bytes while it was opened", file.len());
-            return Err(ImportError::invalid(file.path(), problem));
+            return Err(ImportError::invalid(&file.path, problem));
         }
         Ok(Self { info, file, array })
     }
@@ -132,7 +132,7 @@ impl RawSource {
     /// # Errors
     /// If a forbidden loss occurs, or the file cannot be read.
     pub(crate) fn with_losses(mut self, nodata: Option<f64>, options: &OpenOptions) -> Result<Self, ImportError> {
-        let path = self.file.path();
+        let path = &self.file.path;
         let Some(mut losses) = Losses::may_occur(path, self.array.decode, nodata, options) else { return Ok(self) };
         let body = self.array.body_bytes().map_err(|problem| ImportError::invalid(path, problem))?;
         let numbers = &self.file[self.array.offset as usize..][..body as usize];
@@ -264,9 +264,10 @@ fn check_letters(path: &Path, array: &ArrayLayout) -> Result<(), ImportError> {
 fn misfit(layout: &RawLayout, body: u64, found: u64) -> String {
     let RawLayout { extent, voxel_type, offset, channels, times, .. } = *layout;
     let expected = body as u128 + offset as u128;
-    let difference = match found as u128 {
-        f if f > expected => format!("{} too many", f - expected),
-        f => format!("{} too few", expected - f),
+    let surplus = (found as u128).saturating_sub(expected);
+    let difference = match surplus {
+        0 => format!("{} too few", expected - found as u128),
+        _ => format!("{surplus} too many"),
     };
     let mut what = format!("{extent} {voxel_type}");
     for (n, name) in [(channels, "channels"), (times, "time steps")] {
@@ -282,10 +283,9 @@ fn misfit(layout: &RawLayout, body: u64, found: u64) -> String {
     if !fits.is_empty() {
         message += &format!("; would fit: {}", fits.join("; "));
     }
-    if found as u128 > expected {
-        let surplus = found as u128 - expected;
-        message +=
-            &format!("; if the file starts with a header of {0} bytes, pass `offset` {0}", surplus + offset as u128);
+    if surplus > 0 {
+        let header = surplus + offset as u128;
+        message += &format!("; if the file starts with a header of {header} bytes, pass `offset` {header}");
     }
     message
 }

@@ -10,7 +10,7 @@ use std::time::SystemTime;
 /// themselves.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Stamp {
-    bytes: u64,
+    pub(crate) bytes: u64,
     modified: Option<SystemTime>,
 }
 
@@ -22,10 +22,6 @@ impl Stamp {
 
     pub(crate) fn in_metadata(file: &Metadata) -> Self {
         Self { bytes: file.len(), modified: file.modified().ok() }
-    }
-
-    pub(crate) fn bytes(&self) -> u64 {
-        self.bytes
     }
 
     /// Checks that the file at `path` still has this state. Call it *after* reading the bytes to be vouched for.

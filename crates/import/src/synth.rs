@@ -146,7 +146,6 @@ impl SynthSource {
         };
         let info = SourceInfo {
             calibrated: true,
-            says_origin: false,
             identity: format!("synth {} {extent} {voxel_type} steps {steps} seed {seed}", kind.name()),
             ..SourceInfo::plain(sizes, voxel_type)
         };

@@ -89,7 +89,7 @@ impl Frames {
                 return Err(ImportError::unsupported_but(path, "a deflated file of several frames", advice));
             }
             (Packing::Deflated, Some(length)) => {
-                native_places(path, &format, count, pixels.offset, length, header.inflated_bytes())?
+                native_places(path, &format, count, pixels.offset, length, header.inflated_bytes)?
             }
             (_, Some(length)) => {
                 // Some archives decompress pixels and keep the syntax's name.

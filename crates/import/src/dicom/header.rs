@@ -96,7 +96,7 @@ pub(super) struct Header {
     stamp: Option<Stamp>,
     /// Start of the data set in the file, and its inflated size if it is deflated.
     body: u64,
-    inflated_bytes: u64,
+    pub(super) inflated_bytes: u64,
     /// UID of the transfer syntax.
     pub(super) syntax: String,
     top: Values,
@@ -128,7 +128,7 @@ impl Header {
     /// Reads the header of a file, up to its pixel data.
     pub(super) fn read(path: &Path) -> Result<Self, ImportError> {
         let file = MappedFile::open(path)?;
-        let header = Self::parse(path, &file).map(|header| Self { stamp: file.stamp(), ..header });
+        let header = Self::parse(path, &file).map(|header| Self { stamp: file.stamp, ..header });
         // Even damage found counts only if the file is unchanged.
         file.confirm()?;
         header
@@ -197,11 +197,6 @@ impl Header {
     /// Bytes held by the header, besides itself, without its values.
     pub(super) fn held_bytes(&self) -> usize {
         self.path.as_os_str().len() + self.syntax.len()
-    }
-
-    /// Inflated size of a deflated data set in bytes; 0 if the file is not deflated.
-    pub(super) fn inflated_bytes(&self) -> u64 {
-        self.inflated_bytes
     }
 
     /// Inflates a deflated data set and returns `length` bytes from byte `first` on. Earlier bytes are not kept in memory.

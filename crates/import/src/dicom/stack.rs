@@ -6,6 +6,7 @@
 use super::pixels::Meaning;
 use crate::error::ImportError;
 use crate::note::Note;
+use crate::options::{Gaps, OpenOptions};
 use brickyard_volume::counted;
 use glam::{DMat3, DVec3};
 use std::path::PathBuf;
@@ -56,16 +57,6 @@ pub(super) struct Placement {
     pub(super) note: Option<Note>,
 }
 
-/// Rule for the distances between slices.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Spacing {
-    Even,
-    /// Fixed, in mm, whatever the positions say.
-    Told(f64),
-    /// Even except for missing slices, which leave gaps.
-    WithGaps,
-}
-
 /// Slices sorted along z.
 struct Along {
     spacing: f64,
@@ -92,12 +83,13 @@ impl Names<'_> {
     }
 }
 
-/// Sorts the slices by their position along the normal and places the stack.
+/// Sorts the slices by their position along the normal and places the stack. By `options`, the distance between them is even but for missing
+/// slices (`gaps`), or else fixed, whatever the positions say (`spacing`).
 ///
 /// # Errors
 /// If the slices are not one upright stack: they differ in direction or pixel size, two lie in one place, the spacing is uneven, or the
 /// stack leans.
-pub(super) fn arrange(slices: &mut [Slice], names: &Names, asked: Spacing) -> Result<Placement, ImportError> {
+pub(super) fn arrange(slices: &mut [Slice], names: &Names, options: &OpenOptions) -> Result<Placement, ImportError> {
     let first = slices[0].clone();
     check_directions(slices, names)?;
     let normal = first.along_row.cross(first.along_column).normalize();
@@ -107,7 +99,7 @@ pub(super) fn arrange(slices: &mut [Slice], names: &Names, asked: Spacing) -> Re
         [one] => alone(one),
         _ => {
             let gaps: Vec<f64> = slices.windows(2).map(|pair| depth(&pair[1]) - depth(&pair[0])).collect();
-            let along = along(&gaps, slices, normal, names, asked)?;
+            let along = along(&gaps, slices, normal, names, options)?;
             check_lean(slices, normal, names)?;
             along
         }
@@ -196,7 +188,13 @@ pub(super) fn kinds<T>(items: &[T], same: impl Fn(&T, &T) -> bool) -> Vec<(usize
 }
 
 /// Places sorted slices along z. They must lie apart, at distances by the rule.
-fn along(gaps: &[f64], slices: &[Slice], normal: DVec3, names: &Names, asked: Spacing) -> Result<Along, ImportError> {
+fn along(
+    gaps: &[f64],
+    slices: &[Slice],
+    normal: DVec3,
+    names: &Names,
+    options: &OpenOptions,
+) -> Result<Along, ImportError> {
     let mut positive: Vec<f64> = gaps.iter().copied().filter(|g| *g > 1e-6).collect();
     positive.sort_by(f64::total_cmp);
     let [nearest, typical] = [0, positive.len() / 2].map(|i| positive.get(i).copied().unwrap_or(0.0));
@@ -212,8 +210,8 @@ fn along(gaps: &[f64], slices: &[Slice], normal: DVec3, names: &Names, asked: Sp
     let steps = tried.into_iter().find(|steps| with_gaps(gaps, *steps).is_some()).unwrap_or(tried[0]);
     let [least, most] = [gaps.iter().copied().fold(f64::MAX, f64::min), gaps.iter().copied().fold(0.0, f64::max)];
     let apart = format!("Slices are {least:.4} to {most:.4} mm apart");
-    match asked {
-        Spacing::Told(mm) => {
+    match (options.gaps, options.spacing) {
+        (Gaps::Refuse, Some(DVec3 { z: mm, .. })) => {
             let place = |i: usize| gaps[..i].iter().sum::<f64>();
             let moved = |i: usize| (mm * i as f64 - place(i)).abs();
             let worst = (0..slices.len()).max_by(|&a, &b| moved(a).total_cmp(&moved(b))).unwrap_or(0);
@@ -227,8 +225,8 @@ fn along(gaps: &[f64], slices: &[Slice], normal: DVec3, names: &Names, asked: Sp
         _ if is_rounding(gaps, rounding, mean) => Ok(even(Some(Note::new(format!(
             "{apart}, which the rounding of their positions explains: {mean:.4} mm is taken for all."
         ))))),
-        Spacing::WithGaps => with_gaps(gaps, steps).ok_or_else(|| uneven(gaps, steps, slices, names)),
-        Spacing::Even => Err(uneven(gaps, steps, slices, names)),
+        (Gaps::Blank, _) => with_gaps(gaps, steps).ok_or_else(|| uneven(gaps, steps, slices, names)),
+        (Gaps::Refuse, None) => Err(uneven(gaps, steps, slices, names)),
     }
 }
 

@@ -119,10 +119,9 @@ impl Set {
             if !part.uuid.is_empty() {
                 let expected = said.get_or_insert_with(|| part.uuid.clone());
                 if !same_uuid(expected, &part.uuid) {
+                    let (naming, uuid) = (path.display(), &part.uuid);
                     let problem = format!(
-                        "has two UUIDs in the OME-XML of {}, '{expected}' and '{}'; write the set again",
-                        path.display(),
-                        part.uuid
+                        "has two UUIDs in the OME-XML of {naming}, '{expected}' and '{uuid}'; write the set again"
                     );
                     return Err(ImportError::invalid(&set.paths[file as usize], problem));
                 }

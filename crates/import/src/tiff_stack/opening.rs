@@ -6,7 +6,7 @@ use super::ome_set::is_companion;
 use super::page::{OpenTiff, PageFormat};
 use super::page_map::arrange;
 use super::thumbnails::Thumbnails;
-use super::walk::{self, open_pages, refuse_problem};
+use super::walk::{open_pages, refuse_problem};
 use super::{Parts, TiffFile, TiffStack};
 use crate::axes::{Axis, AxisOrder};
 use crate::element::Decode;
@@ -38,7 +38,7 @@ pub(crate) fn has_several_planes(path: &Path, options: &OpenOptions) -> Result<b
     let (mut pages, first, mut thumbnails) = (1, tiff.format()?, Thumbnails::default());
     while tiff.has_more_pages() {
         pages += 1;
-        tiff.next_page(pages)?;
+        tiff.next_page()?;
         let is_copy =
             tiff.is_copy_or_mask()? || tiff.small_size(&first)?.is_some_and(|size| thumbnails.add(size, pages) == 1);
         if !is_copy {
@@ -67,7 +67,7 @@ fn holds_stack(tiff: &mut OpenTiff) -> Result<bool, ImportError> {
     let least = plane_bytes.saturating_mul(declared.planes().max(3)) / 2;
     // The directory lies before all planes, or behind them.
     let directory = tiff.decoder.ifd_pointer().map(|pointer| pointer.0).filter(|directory| *directory > start);
-    let end = directory.unwrap_or(tiff.stamp.bytes());
+    let end = directory.unwrap_or(tiff.stamp.bytes);
     Ok(least.saturating_add(start) <= end)
 }
 
@@ -149,8 +149,7 @@ pub(crate) fn open_planes(paths: &[PathBuf], options: &OpenOptions) -> Result<Bo
     }
     // A stack's shape in a single plane's file is that of the stack it was cut from.
     description.declared = None;
-    let (map, note) =
-        arrange(1, paths.len() as u32, options, None, &format).map_err(|misfit| walk::misfit(&paths[0], misfit))?;
+    let (map, note) = arrange(&paths[0], 1, paths.len() as u32, options, None, &format)?;
     description.notes.extend(note);
     let parts = Parts { files, format, map, reader_bytes, idle: Mutex::default() };
     Ok(Box::new(TiffStack::new(parts, &description, options)?))

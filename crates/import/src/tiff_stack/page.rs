@@ -12,10 +12,9 @@ use brickyard_volume::{VoxelBox, VoxelType};
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
-use tiff::ColorType;
-use tiff::TiffError;
 use tiff::decoder::{ChunkType, Decoder, DecodingSampleType, Limits};
 use tiff::tags::{ByteOrder, Tag};
+use tiff::{ColorType, TiffError, TiffResult};
 
 /// Most memory for the values of one tag: 8 million strips.
 const MOST_TAG_BYTES: usize = 256 << 20;
@@ -140,7 +139,7 @@ impl OpenTiff {
         let file = File::open(path).map_err(ImportError::io(path))?;
         let stamp = Stamp::in_metadata(&file.metadata().map_err(ImportError::io(path))?);
         let decoder = Decoder::new(PageBytes::new(file)).map_err(|e| refusal(path, "cannot be read", e))?;
-        let decoder = decoder.with_limits(limits(stamp.bytes()));
+        let decoder = decoder.with_limits(limits(stamp.bytes));
         let mut tiff = Self {
             path: path.to_owned(),
             decoder,
@@ -151,14 +150,14 @@ impl OpenTiff {
             chunk: Vec::new(),
             scratch: Default::default(),
         };
-        tiff.arrive(0)?;
+        tiff.arrive(0, Ok(()))?;
         Ok(tiff)
     }
 
-    /// Records the decoder's current page, counted from 0.
-    fn arrive(&mut self, page: u32) -> Result<(), ImportError> {
+    /// Records the decoder's current page, counted from 0, after a move to it.
+    fn arrive(&mut self, page: u32, moved: TiffResult<()>) -> Result<(), ImportError> {
         (self.packing, self.page) = (Packing::Unknown, page);
-        let is_palette = indices::as_numbers(&mut self.decoder, page);
+        let is_palette = moved.and_then(|()| indices::as_numbers(&mut self.decoder, page));
         self.is_palette =
             is_palette.map_err(|e| refusal(&self.path, &format!("page {} cannot be read", page + 1), e))?;
         Ok(())
@@ -192,20 +191,18 @@ impl OpenTiff {
         Ok((is_small && (width, height) != (format.width, format.height)).then_some((width, height)))
     }
 
-    /// Moves the decoder to the next page. `number` is that page's number, counted from 1, for messages.
-    pub(super) fn next_page(&mut self, number: u32) -> Result<(), ImportError> {
+    /// Moves the decoder to the next page.
+    pub(super) fn next_page(&mut self) -> Result<(), ImportError> {
         self.decoder.inner().as_it_is();
-        let next = self.decoder.next_image();
-        next.map_err(|e| refusal(&self.path, &format!("page {number} cannot be read"), e))?;
-        self.arrive(self.page + 1)
+        let moved = self.decoder.next_image();
+        self.arrive(self.page + 1, moved)
     }
 
     /// Moves the decoder to a page, counted from 0.
     pub(super) fn seek(&mut self, page: u32) -> Result<(), ImportError> {
         self.decoder.inner().as_it_is();
-        let seek = self.decoder.seek_to_image(page as usize);
-        seek.map_err(|e| refusal(&self.path, &format!("page {} cannot be read", page + 1), e))?;
-        self.arrive(page)
+        let moved = self.decoder.seek_to_image(page as usize);
+        self.arrive(page, moved)
     }
 
     pub(super) fn format(&mut self) -> Result<PageFormat, ImportError> {
@@ -214,6 +211,7 @@ impl OpenTiff {
         self.check_packing()?;
         let (width, height) = self.decoder.dimensions().map_err(refuse)?;
         let color = self.decoder.colortype().map_err(refuse)?;
+        let samples = color.num_samples();
         let layout = self.decoder.image_chunk_buffer_layout(0).map_err(refuse)?;
         let unsupported = || {
             let feature = format!("a page of {}-bit {}", color.bit_depth(), kind_of(color, layout.sample_format));
@@ -225,7 +223,7 @@ impl OpenTiff {
         let white_is_zero = match self.number::<u16>(Tag::PhotometricInterpretation, PAGE)? {
             Some(1 | 2) => false,
             // Undone by a second inversion; the library inverts unsigned integers, one a pixel.
-            Some(0) if is_unsigned(element) && color.num_samples() == 1 => true,
+            Some(0) if is_unsigned(element) && samples == 1 => true,
             Some(0) => {
                 let feature = format!("{} of which the least is white (PhotometricInterpretation 0)", element.name());
                 let advice = "write it again with the least black (MINISBLACK)";
@@ -233,21 +231,16 @@ impl OpenTiff {
             }
             _ => return Err(unsupported()),
         };
-        let file_bytes = self.stamp.bytes();
-        if layout.len as u64 > file_bytes.saturating_mul(ABSURD_RATIO) {
-            let problem = format!(
-                "claims strips or tiles of {} bytes in a file of {file_bytes}: the header is damaged",
-                layout.len
-            );
+        let (claimed, file_bytes) = (layout.len as u64, self.stamp.bytes);
+        if claimed > file_bytes.saturating_mul(ABSURD_RATIO) {
+            let problem =
+                format!("claims strips or tiles of {claimed} bytes in a file of {file_bytes}: the header is damaged");
             return Err(ImportError::invalid(&path, problem));
         }
         self.check_depth()?;
         let stored = self.number::<u16>(Tag::SamplesPerPixel, PAGE)?.unwrap_or(1);
-        if stored != color.num_samples() {
-            let feature = format!(
-                "a page of {stored} samples a pixel, of which only {} have a known meaning,",
-                color.num_samples()
-            );
+        if stored != samples {
+            let feature = format!("a page of {stored} samples a pixel, of which only {samples} have a known meaning,");
             let advice = "write it again with one sample a pixel, or as red, green and blue";
             return Err(ImportError::unsupported_but(&path, feature, advice));
         }
@@ -258,7 +251,7 @@ impl OpenTiff {
         let planar = self.number::<u16>(Tag::PlanarConfiguration, PAGE)? == Some(2);
         let is_rgb = matches!(color, ColorType::RGB(_) | ColorType::RGBA(_));
         let turn = self.turn()?;
-        let (samples, is_palette) = (color.num_samples(), self.is_palette);
+        let is_palette = self.is_palette;
         Ok(PageFormat { width, height, element, samples, planar, white_is_zero, is_rgb, is_palette, turn })
     }
 
@@ -279,7 +272,7 @@ impl OpenTiff {
             Some(JPEG) => decoded.saturating_mul(2),
             Some(ZSTD) => decoded.min(MOST_ZSTD_WINDOW),
             // Its rows, and packed bytes, limited by the file's size.
-            Some(LZW) => decoded.saturating_add(self.stamp.bytes().min(decoded.saturating_mul(2))),
+            Some(LZW) => decoded.saturating_add(self.stamp.bytes.min(decoded.saturating_mul(2))),
             _ => 0,
         };
         let (width, height) = self.decoder.chunk_dimensions();
@@ -337,7 +330,7 @@ impl OpenTiff {
             if let (true, Some(&at), Some(&count)) = (is_jpeg, offsets.first(), counts.first()) {
                 self.check_jpeg(at, count)?;
             }
-            let (path, found) = (&self.path, self.stamp.bytes());
+            let (path, found) = (&self.path, self.stamp.bytes);
             for (i, (offset, count)) in offsets.into_iter().zip(counts).enumerate() {
                 if count == 0 {
                     let feature = format!("an empty strip or tile, as number {i} of page {number} is (a sparse file)");
@@ -498,7 +491,7 @@ impl OpenTiff {
         let Self { path, decoder, stamp, packing, chunk, scratch: [unpacked, packed], .. } = self;
         let Packing::Lzw { offsets, counts, predictor } = packing else { return Ok(()) };
         let place = offsets.get(index as usize).zip(counts.get(index as usize));
-        let place = place.filter(|(at, count)| at.checked_add(**count).is_some_and(|end| end <= stamp.bytes()));
+        let place = place.filter(|(at, count)| at.checked_add(**count).is_some_and(|end| end <= stamp.bytes));
         let Some((&at, &count)) = place else { return Err(damaged(path, "it lies outside of the file".into())) };
         let samples = if format.planar { 1 } else { format.samples as usize };
         let width = format.element.bytes();

@@ -3,8 +3,10 @@
 use super::description::Declared;
 use super::page::PageFormat;
 use crate::axes::{Axis, AxisOrder, Sizes};
+use crate::error::ImportError;
 use crate::note::Note;
 use crate::options::OpenOptions;
+use std::path::Path;
 
 /// Axes of a list of planes, slowest first.
 pub(super) const LISTED: [Axis; 3] = [Axis::T, Axis::C, Axis::Z];
@@ -102,20 +104,22 @@ impl PageMap {
 }
 
 /// Maps `files` files of equally many pages, with a note, if any: by the caller's axes, else as declared, else all along z.
+/// `path` is the first file, for messages.
 ///
 /// # Errors
 /// If the number of pages differs from the axes or the description; the message names which.
 pub(super) fn arrange(
+    path: &Path,
     pages: u32,
     files: u32,
     options: &OpenOptions,
     declared: Option<&Declared>,
     format: &PageFormat,
-) -> Result<(PageMap, Option<Note>), Misfit> {
+) -> Result<(PageMap, Option<Note>), ImportError> {
     let all = pages.saturating_mul(files);
     let map = |axes: &[Axis], sizes: Sizes| PageMap::along(axes, of_page(sizes, format), pages);
     if let Some(axes) = &options.axes {
-        let (page_axes, sizes) = as_told(axes, all, options).map_err(Misfit::OfOptions)?;
+        let (page_axes, sizes) = as_told(axes, all, options).map_err(|problem| ImportError::options(path, problem))?;
         return Ok((map(&page_axes, sizes), None));
     }
     let along_z = || map(&[Axis::Z], Sizes::from_ordered(&[Axis::Z], &[all]));
@@ -126,20 +130,11 @@ pub(super) fn arrange(
         );
         return Ok((along_z(), Some(Note::new(note))));
     }
-    let sizes = declared.page_sizes(format).map_err(Misfit::OfFile)?;
+    let sizes = declared.page_sizes(format).map_err(|problem| ImportError::invalid(path, problem))?;
     if sizes.planes() != all as u64 {
-        return Err(Misfit::OfFile(too_few_or_many(sizes, all as u64, "it holds")));
+        return Err(ImportError::invalid(path, too_few_or_many(sizes, all as u64, "it holds")));
     }
     Ok((map(&declared.page_axes, sizes), None))
-}
-
-/// Mismatch of pages and their description.
-#[derive(Debug)]
-pub(super) enum Misfit {
-    /// By the caller's options.
-    OfOptions(String),
-    /// By the file.
-    OfFile(String),
 }
 
 /// Message for a description of more or fewer planes than pages. `holders` hold the pages.

@@ -14,7 +14,8 @@ pub(super) struct PageTags {
 
 impl PageTags {
     pub(super) fn of(tiff: &mut OpenTiff, format: &PageFormat, options: &OpenOptions) -> Result<Self, ImportError> {
-        let nodata = tiff.gdal_nodata()?.filter(|_| options.nodata == NoData::OfFile);
+        // NaN holds no data anyway.
+        let nodata = tiff.gdal_number()?.filter(|number| !number.is_nan() && options.nodata == NoData::OfFile);
         let resolution = tiff.scale_tags()?.resolution.filter(|_| options.spacing.is_none());
         Ok(Self { nodata: nodata.map(|value| nearest(value, format.element)), resolution })
     }

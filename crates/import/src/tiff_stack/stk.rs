@@ -126,25 +126,19 @@ impl<R: Read + Seek> Tags<'_, R> {
     fn calibrate(&mut self, description: &mut Description, entries: &[u8]) -> std::io::Result<()> {
         let find = |kind| entries.as_chunks::<8>().0.iter().find(|e| long(*e, 0) == kind).map(|e| long(e, 4));
         let depth = description.spacing.and_then(|spacing| spacing.z);
-        let no_pixels = |description: &mut Description| {
-            if depth.is_some() {
-                description.set_unit(Some("um"));
-                let note = "MetaMorph's file says how far planes lie apart, not how large pixels are: 1 is taken along x and y.";
-                description.notes.push(Note::warning(note));
-            }
-        };
-        if find(SPATIAL_CALIBRATION) == Some(0) {
-            no_pixels(description);
-            return Ok(());
-        }
+        let find_size = |kind| find(kind).filter(|_| find(SPATIAL_CALIBRATION) != Some(0));
         let mut size = |kind| {
-            let Some(at) = find(kind) else { return Ok::<_, std::io::Error>(None) };
+            let Some(at) = find_size(kind) else { return Ok::<_, std::io::Error>(None) };
             let fraction = self.bytes(at.into(), 8)?;
             Ok(fraction.map(|b| f64::from(long(&b, 0)) / f64::from(long(&b, 4))).filter(|&size| is_length(size)))
         };
         let (x, y) = (size(X_CALIBRATION)?, size(Y_CALIBRATION)?);
         let Some((x, y)) = x.zip(y.or(x)) else {
-            no_pixels(description);
+            if depth.is_some() {
+                description.set_unit(Some("um"));
+                let note = "MetaMorph's file says how far planes lie apart, not how large pixels are: 1 is taken along x and y.";
+                description.notes.push(Note::warning(note));
+            }
             return Ok(());
         };
         let unit = match find(CALIBRATION_UNITS) {

@@ -92,7 +92,7 @@ impl OpenTiff {
     /// If the disk cannot read it.
     pub(super) fn ome_uuid(&mut self) -> Result<Option<String>, ImportError> {
         let length = self.decoder.image_ifd().find_entry(Tag::ImageDescription).map_or(0, |entry| entry.count());
-        let text = TagText { end: length.min(LONGEST_DESCRIPTION).min(self.stamp.bytes()), tiff: self, at: 0 };
+        let text = TagText { end: length.min(LONGEST_DESCRIPTION).min(self.stamp.bytes), tiff: self, at: 0 };
         match ome::uuid(BufReader::new(text)) {
             Ok(uuid) => Ok(uuid),
             Err(Failure::Disk(error)) => Err(ImportError::io(&self.path)(error)),
@@ -107,7 +107,7 @@ impl OpenTiff {
         let Some(length) = entry.filter(|entry| is_text(entry.field_type())).map(|entry| entry.count()) else {
             return Ok(None);
         };
-        let length = length.min(self.stamp.bytes());
+        let length = length.min(self.stamp.bytes);
         let start = self.text(START_BYTES.min(length))?;
         let start = start.trim_start_matches('\u{feff}').trim_start();
         if start.starts_with('<') {
@@ -165,7 +165,7 @@ impl OpenTiff {
             return Ok(Some(Description::unreadable(problem.into())));
         }
         let Some(ifd) = self.decoder.ifd_pointer() else { return Ok(None) };
-        let bytes = self.stamp.bytes();
+        let bytes = self.stamp.bytes;
         stk::read(self.decoder.inner(), ifd.0, bytes).map_err(ImportError::io(&self.path))
     }
 
@@ -179,7 +179,7 @@ impl OpenTiff {
             return Ok(Some(name));
         }
         let length = tags.find_entry(Tag::ImageDescription).map_or(0, |entry| entry.count());
-        let start = self.text(START_BYTES.min(length).min(self.stamp.bytes()))?;
+        let start = self.text(START_BYTES.min(length).min(self.stamp.bytes))?;
         if let Some((_, name)) = OTHER_XML.iter().find(|(element, _)| start.contains(element)) {
             return Ok(Some(name));
         }
@@ -197,13 +197,8 @@ impl OpenTiff {
         Ok(is_scanimage.then_some("ScanImage"))
     }
 
-    /// Stored number of pixels without data, other than NaN, which holds no data anyway.
-    pub(super) fn gdal_nodata(&mut self) -> Result<Option<f64>, ImportError> {
-        Ok(self.gdal_number()?.filter(|number| !number.is_nan()))
-    }
-
     /// Stored number of pixels without data, in digits, as written by GDAL.
-    fn gdal_number(&mut self) -> Result<Option<f64>, ImportError> {
+    pub(super) fn gdal_number(&mut self) -> Result<Option<f64>, ImportError> {
         let mut bytes = [0; LONGEST_NUMBER];
         let mut tags = self.decoder.image_ifd();
         let entry = tags.find_entry(Tag::GdalNodata).filter(|entry| entry.field_type() == Type::ASCII);
@@ -219,7 +214,7 @@ impl OpenTiff {
             said(&self.path, self.decoder.find_tag_unsigned_vec::<u64>(imagej::BYTE_COUNTS))?.unwrap_or_default();
         let mut tags = self.decoder.image_ifd();
         let length = tags.find_entry(imagej::METADATA).map_or(0, |entry| entry.count());
-        let mut bytes = vec![0; length.min(LONGEST_LOOKS).min(self.stamp.bytes()) as usize];
+        let mut bytes = vec![0; length.min(LONGEST_LOOKS).min(self.stamp.bytes) as usize];
         let read = said(&self.path, tags.find_tag_bytes(imagej::METADATA, &mut bytes, 0))?;
         bytes.truncate(read.unwrap_or(0));
         Ok(imagej::channel_looks(&bytes, &counts))

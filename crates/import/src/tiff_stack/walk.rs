@@ -2,7 +2,7 @@
 
 use super::description::Description;
 use super::page::{OpenTiff, PageFormat};
-use super::page_map::{Misfit, arrange};
+use super::page_map::arrange;
 use super::page_tags::PageTags;
 use super::thumbnails::Thumbnails;
 use super::{Parts, TiffFile, TiffStack};
@@ -30,8 +30,7 @@ pub(super) fn open_pages(
     }
     let declared = description.declared.as_ref();
     let planes = file.pages - left_out.len() as u32;
-    let (map, note) =
-        arrange(planes, 1, options, declared, &format).map_err(|misfit| self::misfit(&file.path, misfit))?;
+    let (map, note) = arrange(&file.path, planes, 1, options, declared, &format)?;
     let copies = (!left_out.is_empty()).then(|| {
         let are = match left_out.len() {
             1 => "is a smaller copy or a mask of another",
@@ -48,14 +47,6 @@ pub(super) fn open_pages(
     stack.info.notes.extend(note);
     stack.info.notes.extend(copies.map(Note::new));
     Ok(Box::new(stack))
-}
-
-/// The error of files whose pages make no stack.
-pub(super) fn misfit(path: &Path, misfit: Misfit) -> ImportError {
-    match misfit {
-        Misfit::OfOptions(problem) => ImportError::options(path, problem),
-        Misfit::OfFile(problem) => ImportError::invalid(path, problem),
-    }
 }
 
 pub(super) fn refuse_problem(path: &Path, description: &Description) -> Result<(), ImportError> {
@@ -122,7 +113,7 @@ impl Walked {
             if !tiff.has_more_pages() {
                 break;
             }
-            tiff.next_page(pages + 1)?;
+            tiff.next_page()?;
             pages += 1;
         }
         let file = TiffFile { path, stamp: tiff.stamp, pages };
