@@ -72,21 +72,21 @@ impl SourceInfo {
         let narrowed = self.narrowed(value);
         // Any no-data value, even an impossible one, means all other values are data.
         self.knows_nodata = !self.voxel_type.holds(narrowed);
-        if self.voxel_type.holds(narrowed) {
-            let value = narrowed;
-            self.nodata = Some(value);
-            let what = if self.voxel_type.is_float() { "they become NaN" } else { "they are left out" };
-            let note = format!("Voxels of {value} hold no data, according to the file ({name}): {what}.");
-            self.notes.push(Note::new(note));
+        let (voxel_type, is_float) = (self.voxel_type, self.voxel_type.is_float());
+        let note = |value: &str, what: &str| {
+            format!("Voxels of {value} hold no data, according to the file ({name}): {what}.")
+        };
+        if voxel_type.holds(narrowed) {
+            self.nodata = Some(narrowed);
+            let what = if is_float { "they become NaN" } else { "they are left out" };
+            self.notes.push(Note::new(note(&narrowed.to_string(), what)));
         } else if value.is_finite() {
-            let voxel_type = self.voxel_type;
-            let what = match voxel_type.is_float() {
-                true => "f32 cannot hold it, and infinite values hold no data anyway".into(),
-                false => format!("no {voxel_type} voxel can have this value"),
+            let what = match is_float {
+                true => "f32 cannot hold it, and infinite values hold no data anyway",
+                false => &format!("no {voxel_type} voxel can have this value"),
             };
             let value = if value.abs() < 1e15 { value.to_string() } else { format!("{value:e}") };
-            let warning = format!("Voxels of {value} hold no data, according to the file ({name}): {what}.");
-            self.notes.push(Note::warning(warning));
+            self.notes.push(Note::warning(note(&value, what)));
         }
     }
 
