@@ -25,7 +25,7 @@ mod unknown_tests;
 use crate::axes::Sizes;
 use crate::dicom_files::files_in;
 use crate::element::smallest_type;
-use crate::error::ImportError;
+use crate::error::{ImportError, Result};
 use crate::files::{first_bytes, folder_of, name_of};
 use crate::note::Note;
 use crate::options::{HeldAs, NoData, OpenOptions};
@@ -59,7 +59,7 @@ pub(crate) struct DicomSeries {
 }
 
 /// Opens a DICOM file. A single slice is joined by the rest of its series in the folder, as in most programs.
-pub(crate) fn open_file(path: &Path, options: &OpenOptions) -> Result<Box<dyn Source>, ImportError> {
+pub(crate) fn open_file(path: &Path, options: &OpenOptions) -> Result<Box<dyn Source>> {
     let header = Header::read(path)?;
     check_is_image(&header)?;
     let folder = folder_of(path);
@@ -111,7 +111,7 @@ fn is_of_the_file(error: &ImportError) -> bool {
 
 /// Whether a file with an unreadable header may be of the same series: its first bytes contain the series' UID or are deflated, or there is no
 /// UID.
-fn may_be_of(path: &Path, header: &Header) -> Result<bool, ImportError> {
+fn may_be_of(path: &Path, header: &Header) -> Result<bool> {
     let Some(series) = header.text(tags::SERIES_INSTANCE_UID) else { return Ok(true) };
     let start = first_bytes(path, MOST_SEARCHED_BYTES)?;
     // A longer UID starting with this one differs.
@@ -124,7 +124,7 @@ fn may_be_of(path: &Path, header: &Header) -> Result<bool, ImportError> {
 }
 
 /// Returns the series represented by a file, with the other slices in its folder; `None` for a file of several frames.
-pub(crate) fn series_of(path: &Path) -> Result<Option<String>, ImportError> {
+pub(crate) fn series_of(path: &Path) -> Result<Option<String>> {
     let header = Header::read(path)?;
     Ok((!stands_alone(&header)).then(|| header.series()))
 }
@@ -135,11 +135,7 @@ fn stands_alone(header: &Header) -> bool {
 }
 
 /// Opens DICOM files of one series. Files without an image are skipped in a folder (`is_folder`), and an error in a list.
-pub(crate) fn open_series(
-    paths: &[PathBuf],
-    is_folder: bool,
-    options: &OpenOptions,
-) -> Result<Box<dyn Source>, ImportError> {
+pub(crate) fn open_series(paths: &[PathBuf], is_folder: bool, options: &OpenOptions) -> Result<Box<dyn Source>> {
     let mut headers = Vec::new();
     let mut others = Vec::new();
     for path in paths {
@@ -177,7 +173,7 @@ fn is_image(header: &Header) -> bool {
     header.number(tags::ROWS).is_some() || header.pixels.is_some()
 }
 
-fn check_is_image(header: &Header) -> Result<(), ImportError> {
+fn check_is_image(header: &Header) -> Result<()> {
     let problem = "a DICOM file without an image: expected pixel data; name the files of an image series";
     is_image(header).then_some(()).ok_or_else(|| ImportError::invalid(&header.path, problem))
 }
@@ -188,7 +184,7 @@ fn describe_series(header: &Header, count: usize) -> String {
 }
 
 impl DicomSeries {
-    fn new(headers: Vec<Header>, options: &OpenOptions, mut notes: Vec<Note>) -> Result<Self, ImportError> {
+    fn new(headers: Vec<Header>, options: &OpenOptions, mut notes: Vec<Note>) -> Result<Self> {
         let mut files = headers
             .into_iter()
             .map(|header| Frames::find(&header).map(|frames| (header, frames)))
@@ -264,7 +260,7 @@ fn look_of(header: &Header) -> ChannelLook {
 }
 
 /// Checks that all pictures have one size.
-fn check_sizes(files: &[(Header, Frames)]) -> Result<(), ImportError> {
+fn check_sizes(files: &[(Header, Frames)]) -> Result<()> {
     let size = |(_, frames): &(Header, Frames)| frames.size();
     if let [(most, many), (other, few), ..] = kinds(files, |a, b| size(a) == size(b))[..] {
         let ([x, y], [most_x, most_y]) = (size(&files[other]), size(&files[most]));
@@ -279,7 +275,7 @@ fn check_sizes(files: &[(Header, Frames)]) -> Result<(), ImportError> {
 }
 
 /// Checks that each frame of a file has a place.
-fn check_frames(header: &Header, count: u64) -> Result<(), ImportError> {
+fn check_frames(header: &Header, count: u64) -> Result<()> {
     let placed = header.placed_frames() as u64;
     if count > 1 && placed == 0 {
         let feature =
@@ -295,12 +291,7 @@ fn check_frames(header: &Header, count: u64) -> Result<(), ImportError> {
     Ok(())
 }
 
-fn find_slice(
-    (header, frames): (&Header, &Frames),
-    file: usize,
-    frame: usize,
-    options: &OpenOptions,
-) -> Result<Slice, ImportError> {
+fn find_slice((header, frames): (&Header, &Frames), file: usize, frame: usize, options: &OpenOptions) -> Result<Slice> {
     let need = |tag, name: &str, count: usize, help: &str| {
         let found = header.numbers(frame, tag);
         found.clone().filter(|numbers| numbers.len() == count).ok_or_else(|| {
@@ -364,7 +355,7 @@ fn find_slice(
     })
 }
 
-fn meaning_of(header: &Header, frames: &Frames, frame: usize, nodata: NoData) -> Result<Meaning, ImportError> {
+fn meaning_of(header: &Header, frames: &Frames, frame: usize, nodata: NoData) -> Result<Meaning> {
     let first = |tag, name: &str| match (header.numbers(frame, tag), header.written(frame, tag)) {
         (Some(numbers), _) => Ok(Some(numbers[0])),
         (None, Some(text)) => {
@@ -417,7 +408,7 @@ fn voxels_of(
     slices: &[Slice],
     are_missing: bool,
     held_as: Option<HeldAs>,
-) -> Result<Voxels, ImportError> {
+) -> Result<Voxels> {
     let floats = Voxels { voxel_type: VoxelType::F32, blank: f64::NAN };
     if !slices.iter().all(|slice| slice.meaning.is_whole()) {
         return Ok(floats);
@@ -461,7 +452,7 @@ fn check_exact(
     voxel_type: VoxelType,
     are_missing: bool,
     options: &OpenOptions,
-) -> Result<(), ImportError> {
+) -> Result<()> {
     let Some((header, _)) = files.iter().find(|(_, frames)| frames.format.width == 4 && voxel_type.is_float()) else {
         return Ok(());
     };
@@ -479,10 +470,7 @@ fn check_exact(
 }
 
 /// Least and greatest of the rescaled ends of each slice's stored range.
-fn range_of(
-    slices: &[Slice],
-    stored: impl Fn(&Slice) -> Result<[i64; 2], ImportError>,
-) -> Result<[f64; 2], ImportError> {
+fn range_of(slices: &[Slice], stored: impl Fn(&Slice) -> Result<[i64; 2]>) -> Result<[f64; 2]> {
     let (mut least, mut greatest) = (f64::INFINITY, f64::NEG_INFINITY);
     for slice in slices {
         for value in stored(slice)?.map(|n| slice.meaning.value(n)) {

@@ -1,7 +1,7 @@
 //! DICOM file detection by first bytes, since names are unreliable. Old files, and those sent over networks, have no preamble, and often no
 //! first group.
 
-use crate::error::ImportError;
+use crate::error::{ImportError, Result};
 use crate::files::{first_bytes, is_file, listed};
 use std::path::{Path, PathBuf};
 
@@ -55,7 +55,7 @@ fn is_named_so(path: &Path) -> bool {
 ///
 /// # Errors
 /// If the folder cannot be read, or files that are DICOM's only in name lie beside real ones.
-pub(crate) fn files_in(folder: &Path) -> Result<Vec<PathBuf>, ImportError> {
+pub(crate) fn files_in(folder: &Path) -> Result<Vec<PathBuf>> {
     let (mut paths, mut unknown) = (Vec::new(), None);
     for path in listed(folder)? {
         if !is_file(&path)? {

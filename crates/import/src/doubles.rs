@@ -1,7 +1,7 @@
 //! Duplicates in a list: one file under two names, the halves of one NIfTI image, slices of one DICOM series. Each would become
 //! one of two equal steps. Costs one file-system query per file, and the header of each DICOM file.
 
-use crate::error::ImportError;
+use crate::error::{ImportError, Result};
 use crate::files::folder_of;
 use crate::{dicom, nifti};
 use std::collections::HashMap;
@@ -36,7 +36,7 @@ impl FileId {
 }
 
 /// Refuses a file listed twice, under one name or several. `way_on` is the message's alternative to naming it once.
-pub(crate) fn check_named_once(paths: &[PathBuf], way_on: &str) -> Result<(), ImportError> {
+pub(crate) fn check_named_once(paths: &[PathBuf], way_on: &str) -> Result<()> {
     let mut seen: HashMap<FileId, &Path> = HashMap::new();
     for path in paths {
         if let Some(first) = seen.insert(FileId::of(path), path) {
@@ -48,7 +48,7 @@ pub(crate) fn check_named_once(paths: &[PathBuf], way_on: &str) -> Result<(), Im
 }
 
 /// Refuses both halves of a pair of `.hdr` and `.img`: either stands for the whole image.
-pub(crate) fn check_pairs<'a>(paths: impl IntoIterator<Item = &'a PathBuf>) -> Result<(), ImportError> {
+pub(crate) fn check_pairs<'a>(paths: impl IntoIterator<Item = &'a PathBuf>) -> Result<()> {
     let image = |path: &Path| Some(FileId::of(&nifti::pair_of(path).0));
     check_apart(paths, image, |first| {
         format!("is half of the same image as {first}: name one of the two, which opens both")
@@ -56,7 +56,7 @@ pub(crate) fn check_pairs<'a>(paths: impl IntoIterator<Item = &'a PathBuf>) -> R
 }
 
 /// Refuses several DICOM slices of one series: each stands for the whole series in its folder.
-pub(crate) fn check_series<'a>(paths: impl IntoIterator<Item = &'a PathBuf>) -> Result<(), ImportError> {
+pub(crate) fn check_series<'a>(paths: impl IntoIterator<Item = &'a PathBuf>) -> Result<()> {
     // Unreadable headers are reported on opening.
     let series = |path: &Path| Some((FileId::of_parent(path), dicom::series_of(path).ok().flatten()?));
     check_apart(paths, series, |first| {
@@ -73,7 +73,7 @@ fn check_apart<'a, K: Eq + Hash>(
     paths: impl IntoIterator<Item = &'a PathBuf>,
     key: impl Fn(&Path) -> Option<K>,
     problem: impl Fn(Display<'_>) -> String,
-) -> Result<(), ImportError> {
+) -> Result<()> {
     let mut seen: HashMap<K, &Path> = HashMap::new();
     for path in paths {
         let Some(key) = key(path) else { continue };
@@ -86,7 +86,7 @@ fn check_apart<'a, K: Eq + Hash>(
 }
 
 /// Refuses files inside folders of the same list.
-pub(crate) fn check_folders(paths: &[PathBuf]) -> Result<(), ImportError> {
+pub(crate) fn check_folders(paths: &[PathBuf]) -> Result<()> {
     let folders: HashMap<FileId, &Path> =
         paths.iter().filter(|path| path.is_dir()).map(|path| (FileId::of(path), path.as_path())).collect();
     if folders.is_empty() {

@@ -7,7 +7,7 @@
 //! A number may have a sign, a fraction or a power of ten (`t_0.25`, `t_0.5`), or two counters may have a point between them (`1.9`,
 //! `1.10`). If these readings give different orders, the numbers' form and even counting decide, or the files are refused.
 
-use crate::error::ImportError;
+use crate::error::{ImportError, Result};
 use crate::file_name::{Name, Number, Reading};
 use crate::files::name_of;
 use crate::numbering;
@@ -34,7 +34,7 @@ impl FileList {
         paths: &[PathBuf],
         told: Option<FileOrder>,
         are_planes: bool,
-    ) -> Result<Self, ImportError> {
+    ) -> Result<Self> {
         if told == Some(FileOrder::Given) {
             let problem = "`order` given: a folder or a pattern gives no order; name the files";
             return Err(ImportError::options(folder, problem));
@@ -53,7 +53,7 @@ impl FileList {
     ///
     /// # Errors
     /// If files are sorted without `told`, and their numbers do not count them without gaps or can be read in two ways.
-    pub(crate) fn of_list(paths: &[PathBuf], told: Option<FileOrder>, are_planes: bool) -> Result<Self, ImportError> {
+    pub(crate) fn of_list(paths: &[PathBuf], told: Option<FileOrder>, are_planes: bool) -> Result<Self> {
         let list = ByNumbers::of(paths);
         let is_natural = list.paths == paths && list.doubt.is_none();
         let is_alphabetical = paths.is_sorted() || paths.is_sorted_by_key(|path| path.to_string_lossy().to_lowercase());
@@ -115,7 +115,7 @@ impl ByNumbers {
     }
 
     /// Checks that names without a counter have the same order by the alphabet and by their digits, possibly not decimal (`f_09`, `f_0a`).
-    fn check_words(&self) -> Result<(), ImportError> {
+    fn check_words(&self) -> Result<()> {
         let alphabetical = |by: fn(&str) -> String| self.paths.is_sorted_by_key(|path| by(&path.to_string_lossy()));
         if !numbering::are_words(&self.paths, self.reading)
             || alphabetical(str::to_owned)
@@ -133,7 +133,7 @@ impl ByNumbers {
     }
 
     /// Checks that the numbers can be read in one way, and count the files. `way_on` is advice on giving an order.
-    fn check(&self, are_planes: bool, way_on: &str) -> Result<(), ImportError> {
+    fn check(&self, are_planes: bool, way_on: &str) -> Result<()> {
         let problem = match &self.doubt {
             Some([before, after]) => Err(format!(
                 "the numbers in the files' names can be read in two ways: as decimal numbers, {before} comes before \

@@ -1,7 +1,7 @@
 //! File selection in a folder: those of its one format. Each is a time step, or a slice of a volume.
 
 use crate::dicom_files;
-use crate::error::ImportError;
+use crate::error::{ImportError, Result};
 use crate::files::{is_file, listed, name_of};
 use crate::foreign;
 use crate::format::Format;
@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 ///
 /// # Errors
 /// If the folder cannot be read, has no such files, or has those of several formats.
-pub(crate) fn files_of(folder: &Path, options: &OpenOptions, read: &str) -> Result<Vec<PathBuf>, ImportError> {
+pub(crate) fn files_of(folder: &Path, options: &OpenOptions, read: &str) -> Result<Vec<PathBuf>> {
     let dicom = dicom_files::files_in(folder)?;
     let mut found: BTreeMap<Format, Vec<PathBuf>> = BTreeMap::new();
     for path in listed(folder)? {
@@ -54,7 +54,7 @@ pub(crate) fn files_of(folder: &Path, options: &OpenOptions, read: &str) -> Resu
 }
 
 /// Names of a folder's visible subfolders, in order.
-fn folders_in(folder: &Path) -> Result<Vec<String>, ImportError> {
+fn folders_in(folder: &Path) -> Result<Vec<String>> {
     let folders = listed(folder)?.into_iter().filter(|path| path.is_dir());
     let mut names: Vec<_> = folders.map(|path| name_of(&path)).collect();
     names.sort();

@@ -1,7 +1,7 @@
 //! Known but unsupported formats: recognised by their first bytes, and named in messages with
 //! advice.
 
-use crate::error::ImportError;
+use crate::error::{ImportError, Result};
 use crate::files::first_bytes;
 use std::path::Path;
 
@@ -66,7 +66,7 @@ const NAMES: &[(&str, &str)] = &[
 ];
 
 /// Refuses a file of a known but unsupported format. `name` is the file's name in lower case.
-pub(crate) fn refuse(path: &Path, name: &str) -> Result<(), ImportError> {
+pub(crate) fn refuse(path: &Path, name: &str) -> Result<()> {
     let start = first_bytes(path, LOOKED_AT)?;
     let by_name = NAMES.iter().find(|(end, _)| name.ends_with(end)).map(|(_, what)| (*what, CONVERT));
     let has = |at: usize, magic: &[u8]| start.get(at..).is_some_and(|bytes| without_prolog(bytes).starts_with(magic));
@@ -91,7 +91,7 @@ fn without_prolog(text: &[u8]) -> &[u8] {
 }
 
 /// Refuses a folder of a known but unsupported format: Zarr.
-pub(crate) fn refuse_folder(folder: &Path) -> Result<(), ImportError> {
+pub(crate) fn refuse_folder(folder: &Path) -> Result<()> {
     let zarr = ["zarr.json", ".zgroup", ".zarray", ".zattrs"];
     let advice = "export it to .npy or TIFF, or render it where brickyard packed it";
     match zarr.iter().any(|name| folder.join(name).is_file()) {

@@ -3,7 +3,7 @@
 //! Only inputs with possible losses are read for it: 64-bit ones, and those whose scaled numbers may leave f32.
 
 use crate::element::{Decode, Element, Endian, Scale};
-use crate::error::ImportError;
+use crate::error::{ImportError, Result};
 use crate::files::name_of;
 use crate::note::Note;
 use crate::options::{NoData, OpenOptions};
@@ -121,7 +121,7 @@ impl<'a> Losses<'a> {
     }
 
     /// Counts contiguous stored numbers and the lost ones among them. If losses are not allowed, the first one is an error.
-    pub(crate) fn see(&mut self, bytes: &[u8]) -> Result<(), ImportError> {
+    pub(crate) fn see(&mut self, bytes: &[u8]) -> Result<()> {
         let (slope, intercept) = self.decode.scale.map_or((1.0, 0.0), |s| (s.slope, s.intercept));
         macro_rules! each {
             ($t:ty, $n:ident => $fate:expr, $value:expr) => {{
@@ -164,7 +164,7 @@ impl<'a> Losses<'a> {
 
     /// Returns the fate of a 64-bit float. A no-data number becomes NaN or infinite, which is no loss; no other number may become equal to its
     /// f32.
-    fn fate_of_f64(&self, number: f64, value: f64) -> Result<Fate, ImportError> {
+    fn fate_of_f64(&self, number: f64, value: f64) -> Result<Fate> {
         let (fate, held) = (Fate::of_float(number, value, true), value as f32);
         let Some(nodata) = self.nodata else { return Ok(fate) };
         let narrowed = nodata as f32;
@@ -187,7 +187,7 @@ impl<'a> Losses<'a> {
         ImportError::options(self.path, problem)
     }
 
-    fn lose(&mut self, fate: Fate, number: &dyn std::fmt::Debug, value: f64) -> Result<(), ImportError> {
+    fn lose(&mut self, fate: Fate, number: &dyn std::fmt::Debug, value: f64) -> Result<()> {
         let voxel_type = self.decode().voxel_type();
         let (least, greatest) = voxel_type.limits();
         let becomes = |nodata: f64| value == nodata || value.clamp(least, greatest) == nodata;

@@ -1,6 +1,6 @@
 //! A file read through a map, with checks of its bytes' validity.
 
-use crate::error::ImportError;
+use crate::error::{ImportError, Result};
 use crate::stamp::Stamp;
 use brickyard_filemap::GuardedMap;
 use std::fs::File;
@@ -16,7 +16,7 @@ pub(crate) struct MappedFile {
 }
 
 impl MappedFile {
-    pub(crate) fn open(path: &Path) -> Result<Self, ImportError> {
+    pub(crate) fn open(path: &Path) -> Result<Self> {
         let file = File::open(path).map_err(ImportError::io(path))?;
         // The stamp before the map, so that changes between the two are noticed.
         let stamp = Stamp::in_metadata(&file.metadata().map_err(ImportError::io(path))?);
@@ -25,7 +25,7 @@ impl MappedFile {
     }
 
     /// Maps an unnamed scratch file. `path` is its original, for messages.
-    pub(crate) fn of_scratch(path: &Path, scratch: &File) -> Result<Self, ImportError> {
+    pub(crate) fn of_scratch(path: &Path, scratch: &File) -> Result<Self> {
         let map = GuardedMap::new(scratch).map_err(ImportError::io(path))?;
         Ok(Self { path: path.to_owned(), map, stamp: None })
     }
@@ -39,7 +39,7 @@ impl MappedFile {
     ///
     /// # Errors
     /// If the file has changed since it was opened, or its disk could not read all the requested bytes.
-    pub(crate) fn confirm(&self) -> Result<(), ImportError> {
+    pub(crate) fn confirm(&self) -> Result<()> {
         // A file cut short within a page reads as zeros to that page's end, without a fault.
         self.stamp.map_or(Ok(()), |stamp| stamp.check(&self.path))?;
         if self.map.lost() {

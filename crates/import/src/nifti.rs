@@ -8,7 +8,7 @@ mod placement;
 
 use crate::axes::Sizes;
 use crate::element::{Decode, Element, Scale};
-use crate::error::ImportError;
+use crate::error::{ImportError, Result};
 use crate::gzip::GzipMembers;
 use crate::losses::Losses;
 use crate::mapped::MappedFile;
@@ -29,7 +29,7 @@ use std::path::{Path, PathBuf};
 const LEAST_GZIP_BYTES: u64 = 20;
 
 /// Opens a NIfTI file, or a pair of `.hdr` and `.img` by either name.
-pub(crate) fn open(path: &Path, options: &OpenOptions) -> Result<RawSource, ImportError> {
+pub(crate) fn open(path: &Path, options: &OpenOptions) -> Result<RawSource> {
     let found = Found::read(path)?;
     let expected = found.bytes()?;
     let (file, trailing) = match Stream::open(&found.body_path)? {
@@ -53,7 +53,7 @@ pub(crate) fn open(path: &Path, options: &OpenOptions) -> Result<RawSource, Impo
 
 /// Examines a NIfTI file or pair without keeping it open. A compressed one is inflated if its last bytes do not confirm its header's size, or
 /// all its values have to be checked.
-pub(crate) fn check(path: &Path, options: &OpenOptions) -> Result<StepFile, ImportError> {
+pub(crate) fn check(path: &Path, options: &OpenOptions) -> Result<StepFile> {
     let found = Found::read(path)?;
     let expected = found.bytes()?;
     let is_seen = found.is_compressed && Losses::may_occur(path, found.header.array.decode, None, options).is_none();
@@ -75,7 +75,7 @@ struct Found {
 }
 
 impl Found {
-    fn read(path: &Path) -> Result<Self, ImportError> {
+    fn read(path: &Path) -> Result<Self> {
         let (header_path, pair_body) = pair_of(path);
         let stamp = Stamp::of(&header_path)?;
         let header = Header::read(&mut Stream::open(&header_path)?, &header_path)?;
@@ -86,7 +86,7 @@ impl Found {
     }
 
     /// Bytes up to the last voxel, inflated.
-    fn bytes(&self) -> Result<u64, ImportError> {
+    fn bytes(&self) -> Result<u64> {
         let body =
             self.header.array.body_bytes().map_err(|problem| ImportError::invalid(&self.header_path, problem))?;
         Ok(body.saturating_add(self.header.array.offset))
@@ -96,7 +96,7 @@ impl Found {
     ///
     /// # Errors
     /// If one of the files has changed meanwhile.
-    fn info(&self, trailing: u64) -> Result<SourceInfo, ImportError> {
+    fn info(&self, trailing: u64) -> Result<SourceInfo> {
         let mut notes = Vec::new();
         let Decode { element, scale, .. } = self.header.array.decode;
         if let Some(Scale { slope, intercept, to }) = scale {
@@ -130,7 +130,7 @@ impl Found {
 }
 
 /// Inflated size stored in a gzip file's last member, modulo 2^32. `None` if the file is too short.
-fn inflated_bytes(path: &Path) -> Result<Option<u32>, ImportError> {
+fn inflated_bytes(path: &Path) -> Result<Option<u32>> {
     let mut file = File::open(path).map_err(ImportError::io(path))?;
     if file.metadata().map_err(ImportError::io(path))?.len() < LEAST_GZIP_BYTES {
         return Ok(None);
@@ -166,7 +166,7 @@ enum Stream {
 }
 
 impl Stream {
-    fn open(path: &Path) -> Result<Self, ImportError> {
+    fn open(path: &Path) -> Result<Self> {
         use std::io::BufRead;
         let file = File::open(path).map_err(ImportError::io(path))?;
         let mut file = BufReader::with_capacity(1 << 18, file);
@@ -191,7 +191,7 @@ fn inflate(
     array: &ArrayLayout,
     expected: u64,
     options: &OpenOptions,
-) -> Result<(File, u64), ImportError> {
+) -> Result<(File, u64)> {
     let directory = options.scratch_dir.clone().unwrap_or_else(std::env::temp_dir);
     check_space(&directory, expected)?;
     let scratch = tempfile::tempfile_in(&directory).map_err(ImportError::scratch(&directory))?;
@@ -224,7 +224,7 @@ fn inflate(
 
 /// Refuses in advance to fill the disk.
 #[cfg(unix)]
-fn check_space(directory: &Path, needed: u64) -> Result<(), ImportError> {
+fn check_space(directory: &Path, needed: u64) -> Result<()> {
     let stat = rustix::fs::statvfs(directory).map_err(|e| ImportError::scratch(directory)(e.into()))?;
     let free = stat.f_bavail.saturating_mul(stat.f_frsize);
     if free < needed {
@@ -238,7 +238,7 @@ fn check_space(directory: &Path, needed: u64) -> Result<(), ImportError> {
 }
 
 #[cfg(not(unix))]
-fn check_space(_directory: &Path, _needed: u64) -> Result<(), ImportError> {
+fn check_space(_directory: &Path, _needed: u64) -> Result<()> {
     Ok(())
 }
 

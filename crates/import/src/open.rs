@@ -4,7 +4,7 @@ use crate::described::Described;
 use crate::dicom_files::{MAGIC_BYTES, is_dicom};
 use crate::doubles::{check_folders, check_named_once, check_pairs, check_series};
 use crate::element::Endian;
-use crate::error::ImportError;
+use crate::error::{ImportError, Result};
 use crate::file_order::{FileList, in_natural_order};
 use crate::files::{first_bytes, name_of};
 use crate::folder::files_of;
@@ -122,7 +122,7 @@ pub fn order_steps(paths: &[PathBuf], options: &OpenOptions) -> Result<(Vec<Path
     Ok((paths, note))
 }
 
-fn open_one(path: &Path, format: Format, options: &OpenOptions) -> Result<Box<dyn Source>, ImportError> {
+fn open_one(path: &Path, format: Format, options: &OpenOptions) -> Result<Box<dyn Source>> {
     Ok(match format {
         Format::Raw => Box::new(open_raw(path, options)?),
         Format::Npy => Box::new(npy::open(path, options)?),
@@ -132,7 +132,7 @@ fn open_one(path: &Path, format: Format, options: &OpenOptions) -> Result<Box<dy
     })
 }
 
-fn open_steps(paths: &[PathBuf], format: Format, options: &OpenOptions) -> Result<Box<dyn Source>, ImportError> {
+fn open_steps(paths: &[PathBuf], format: Format, options: &OpenOptions) -> Result<Box<dyn Source>> {
     let check = |path: &Path| match format {
         Format::Nifti => nifti::check(path, options),
         _ => open_step(path, format, options).map(|source| StepFile::of(&*source)),
@@ -143,14 +143,14 @@ fn open_steps(paths: &[PathBuf], format: Format, options: &OpenOptions) -> Resul
 }
 
 /// Opens one file of several, without other files it names.
-fn open_step(path: &Path, format: Format, options: &OpenOptions) -> Result<Box<dyn Source>, ImportError> {
+fn open_step(path: &Path, format: Format, options: &OpenOptions) -> Result<Box<dyn Source>> {
     match format {
         Format::Tiff => tiff_stack::open_file(path, options, false),
         _ => open_one(path, format, options),
     }
 }
 
-fn open_raw(path: &Path, options: &OpenOptions) -> Result<RawSource, ImportError> {
+fn open_raw(path: &Path, options: &OpenOptions) -> Result<RawSource> {
     let bytes = std::fs::metadata(path).map_err(ImportError::io(path))?.len();
     let (Some(extent), Some(voxel_type)) = (options.shape, options.voxel_type) else {
         let problem =
@@ -170,7 +170,7 @@ fn open_raw(path: &Path, options: &OpenOptions) -> Result<RawSource, ImportError
 }
 
 /// Opens several TIFF files: planes if each has one page, time steps if each has more.
-fn open_tiffs(paths: &[PathBuf], options: &OpenOptions) -> Result<Box<dyn Source>, ImportError> {
+fn open_tiffs(paths: &[PathBuf], options: &OpenOptions) -> Result<Box<dyn Source>> {
     let are_stacks = tiff_stack::has_several_planes(&paths[0], options)?;
     for path in &paths[1..] {
         if tiff_stack::has_several_planes(path, options)? != are_stacks {
@@ -185,7 +185,7 @@ fn open_tiffs(paths: &[PathBuf], options: &OpenOptions) -> Result<Box<dyn Source
     open_steps(paths, Format::Tiff, options)
 }
 
-fn format_of(path: &Path, options: &OpenOptions) -> Result<Format, ImportError> {
+fn format_of(path: &Path, options: &OpenOptions) -> Result<Format> {
     check_kind(path)?;
     if options.shape.is_some() {
         return Ok(Format::Raw);
@@ -225,7 +225,7 @@ fn format_of(path: &Path, options: &OpenOptions) -> Result<Format, ImportError> 
 }
 
 /// Refuses folders within a list, and files without random access.
-fn check_kind(path: &Path) -> Result<(), ImportError> {
+fn check_kind(path: &Path) -> Result<()> {
     let kind = std::fs::metadata(path).map_err(ImportError::io(path))?.file_type();
     let problem = match kind {
         kind if kind.is_file() => return Ok(()),
@@ -238,7 +238,7 @@ fn check_kind(path: &Path) -> Result<(), ImportError> {
 }
 
 /// Refuses options without effect on the format: their caller expects other voxels.
-fn check_used(format: Format, path: &Path, options: &OpenOptions) -> Result<(), ImportError> {
+fn check_used(format: Format, path: &Path, options: &OpenOptions) -> Result<()> {
     let has_axes = matches!(format, Format::Raw | Format::Npy | Format::Tiff);
     let counts_axes = format == Format::Raw || format == Format::Tiff && options.axes.is_some();
     let of_axes = if format == Format::Tiff { "raw files, and of TIFF with `axes`" } else { "raw files" };
@@ -264,7 +264,7 @@ fn check_used(format: Format, path: &Path, options: &OpenOptions) -> Result<(), 
 }
 
 /// Replaces the file's no-data value with the user's.
-fn override_nodata(info: &mut SourceInfo, path: &Path, nodata: NoData) -> Result<(), ImportError> {
+fn override_nodata(info: &mut SourceInfo, path: &Path, nodata: NoData) -> Result<()> {
     let voxel_type = info.voxel_type;
     let (low, high) = voxel_type.limits();
     let value = match nodata {

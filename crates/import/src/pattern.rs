@@ -1,7 +1,7 @@
 //! Patterns of file names: `step_*.npy` and `step_??.npy`, or printf's `step_%04d.raw`. A shell expands only the first two, and only up to its
 //! limit; here a folder may hold any number of files.
 
-use crate::error::ImportError;
+use crate::error::{ImportError, Result};
 use crate::files::is_file;
 use std::path::{Path, PathBuf};
 
@@ -21,7 +21,7 @@ enum Pattern {
 ///
 /// # Errors
 /// If no file matches, the pattern is malformed, or its folder cannot be read.
-pub(crate) fn expand(path: &Path) -> Result<Option<Vec<PathBuf>>, ImportError> {
+pub(crate) fn expand(path: &Path) -> Result<Option<Vec<PathBuf>>> {
     let Some(name) = path.file_name().and_then(|name| name.to_str()) else { return Ok(None) };
     if path.symlink_metadata().is_ok() {
         return Ok(None);

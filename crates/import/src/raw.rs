@@ -7,7 +7,7 @@
 
 use crate::axes::{Axis, AxisOrder, Sizes};
 use crate::element::{Decode, Element, Endian};
-use crate::error::ImportError;
+use crate::error::{ImportError, Result};
 use crate::losses::Losses;
 use crate::mapped::MappedFile;
 use crate::options::OpenOptions;
@@ -110,7 +110,7 @@ impl RawSource {
     ///
     /// # Errors
     /// If the file is shorter than the array's layout.
-    pub(crate) fn new(file: MappedFile, array: ArrayLayout, info: SourceInfo) -> Result<Self, ImportError> {
+    pub(crate) fn new(file: MappedFile, array: ArrayLayout, info: SourceInfo) -> Result<Self> {
         // Whatever the reader checked, every later slice must lie inside the map.
         let needed = array.body_bytes().ok().and_then(|body| body.checked_add(array.offset));
         if needed.is_none_or(|needed| needed > file.len() as u64) {
@@ -131,7 +131,7 @@ impl RawSource {
     ///
     /// # Errors
     /// If a forbidden loss occurs, or the file cannot be read.
-    pub(crate) fn with_losses(mut self, nodata: Option<f64>, options: &OpenOptions) -> Result<Self, ImportError> {
+    pub(crate) fn with_losses(mut self, nodata: Option<f64>, options: &OpenOptions) -> Result<Self> {
         let path = &self.file.path;
         let Some(mut losses) = Losses::may_occur(path, self.array.decode, nodata, options) else { return Ok(self) };
         let body = self.array.body_bytes().map_err(|problem| ImportError::invalid(path, problem))?;
@@ -248,7 +248,7 @@ impl BoxCopy {
 }
 
 /// Checks that every axis of more than one element has a letter.
-fn check_letters(path: &Path, array: &ArrayLayout) -> Result<(), ImportError> {
+fn check_letters(path: &Path, array: &ArrayLayout) -> Result<()> {
     for axis in [Axis::Z, Axis::C, Axis::T] {
         let (size, letter) = (array.sizes.of(axis), axis.letter());
         if size > 1 && !array.axes.axes().contains(&axis) {
@@ -324,7 +324,7 @@ fn fitting_shapes(layout: &RawLayout, found: u64) -> Vec<String> {
 
 /// Returns an identity of input files: `prefix` for the way they are read, then each file's absolute path, size and modification
 /// time.
-pub(crate) fn identity(prefix: &str, paths: &[impl AsRef<Path>]) -> Result<String, ImportError> {
+pub(crate) fn identity(prefix: &str, paths: &[impl AsRef<Path>]) -> Result<String> {
     let mut identity = prefix.to_owned();
     for path in paths {
         let path = path.as_ref();

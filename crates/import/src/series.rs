@@ -7,7 +7,7 @@
 #[cfg(test)]
 mod tests;
 
-use crate::error::ImportError;
+use crate::error::{ImportError, Result};
 use crate::note::Note;
 use crate::options::OpenOptions;
 use crate::source::{Access, Source, SourceInfo, Take};
@@ -46,7 +46,7 @@ impl StepFile {
 }
 
 /// Opens a step's file.
-type Open = dyn Fn(&Path) -> Result<Box<dyn Source>, ImportError> + Send + Sync;
+type Open = dyn Fn(&Path) -> Result<Box<dyn Source>> + Send + Sync;
 
 /// A time series: files of one time step each, with the same extent, voxel type, channels and spacing.
 pub(crate) struct Series {
@@ -82,9 +82,9 @@ impl Series {
     pub(crate) fn new(
         paths: &[PathBuf],
         options: &OpenOptions,
-        check: impl Fn(&Path) -> Result<StepFile, ImportError>,
+        check: impl Fn(&Path) -> Result<StepFile>,
         open: Box<Open>,
-    ) -> Result<Self, ImportError> {
+    ) -> Result<Self> {
         let mut all: Option<StepFile> = None;
         let mut named: Option<(Vec<ChannelLook>, &Path)> = None;
         let (mut identity, mut remarks) = (String::new(), Remarks::default());
@@ -136,7 +136,7 @@ impl Series {
     }
 
     /// Returns the source of a step, opened unless it is among the last ones.
-    fn step(&self, time: u32) -> Result<Arc<dyn Source>, ImportError> {
+    fn step(&self, time: u32) -> Result<Arc<dyn Source>> {
         let place = self.place(time);
         let mut source = lock(&place);
         if let Some(source) = &*source {
@@ -164,7 +164,7 @@ impl Series {
         source
     }
 
-    fn reopen(&self, step: &Step) -> Result<Arc<dyn Source>, ImportError> {
+    fn reopen(&self, step: &Step) -> Result<Arc<dyn Source>> {
         let opened = (self.open)(&step.path);
         // The findings, or an error, hold only for the file examined before.
         step.stamp.check(&step.path)?;
@@ -218,7 +218,7 @@ impl<'a> Remarks<'a> {
 }
 
 /// Checks that a step agrees with the first in all properties shared by a series.
-fn check_alike(step: &SourceInfo, path: &Path, first: &SourceInfo, paths: &[PathBuf]) -> Result<(), ImportError> {
+fn check_alike(step: &SourceInfo, path: &Path, first: &SourceInfo, paths: &[PathBuf]) -> Result<()> {
     let first_path = paths[0].display();
     if step.times != 1 {
         let problem = format!("{} files given, one per time step, but this one holds {}", paths.len(), step.times);
@@ -252,7 +252,7 @@ fn check_alike(step: &SourceInfo, path: &Path, first: &SourceInfo, paths: &[Path
     Ok(())
 }
 
-fn check_unit(step: &SourceInfo, path: &Path, first: &SourceInfo, first_path: &Path) -> Result<(), ImportError> {
+fn check_unit(step: &SourceInfo, path: &Path, first: &SourceInfo, first_path: &Path) -> Result<()> {
     if step.geometry.unit.is_none() || step.geometry.unit == first.geometry.unit {
         return Ok(());
     }
@@ -265,7 +265,7 @@ fn check_unit(step: &SourceInfo, path: &Path, first: &SourceInfo, first_path: &P
 }
 
 /// Checks a step's channel names against the `named` file's, the first with such names, where both have them.
-fn check_channels(looks: &[ChannelLook], path: &Path, named: (&[ChannelLook], &Path)) -> Result<(), ImportError> {
+fn check_channels(looks: &[ChannelLook], path: &Path, named: (&[ChannelLook], &Path)) -> Result<()> {
     let (other_looks, other_path) = named;
     let differs = |(own, other): (&ChannelLook, &ChannelLook)| {
         own.name.as_ref().zip(other.name.as_ref()).is_some_and(|(own, other)| own != other)

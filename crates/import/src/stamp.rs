@@ -1,6 +1,6 @@
 //! State of a file that is read more than once.
 
-use crate::error::ImportError;
+use crate::error::{ImportError, Result};
 use std::fs::Metadata;
 use std::path::Path;
 use std::time::SystemTime;
@@ -16,7 +16,7 @@ pub(crate) struct Stamp {
 
 impl Stamp {
     /// Returns the present state of the file at `path`.
-    pub(crate) fn of(path: &Path) -> Result<Self, ImportError> {
+    pub(crate) fn of(path: &Path) -> Result<Self> {
         std::fs::metadata(path).map(|file| Self::in_metadata(&file)).map_err(ImportError::io(path))
     }
 
@@ -28,7 +28,7 @@ impl Stamp {
     ///
     /// # Errors
     /// If the file is gone, or was cut short, replaced or written to.
-    pub(crate) fn check(&self, path: &Path) -> Result<(), ImportError> {
+    pub(crate) fn check(&self, path: &Path) -> Result<()> {
         let found = Self::of(path)?;
         if found == *self {
             return Ok(());

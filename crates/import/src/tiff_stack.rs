@@ -40,7 +40,7 @@ pub(crate) use opening::{has_several_planes, open_file, open_planes};
 
 use crate::axes::Sizes;
 use crate::element::{Decode, Endian};
-use crate::error::ImportError;
+use crate::error::{ImportError, Result};
 use crate::losses::Losses;
 use crate::note::Note;
 use crate::options::OpenOptions;
@@ -97,7 +97,7 @@ fn photograph(info: &SourceInfo, samples: u16) -> Vec<ChannelLook> {
 }
 
 impl TiffStack {
-    fn new(parts: Parts, description: &Description, options: &OpenOptions) -> Result<Self, ImportError> {
+    fn new(parts: Parts, description: &Description, options: &OpenOptions) -> Result<Self> {
         let Parts { files, format, map, .. } = &parts;
         let path = &files[0].path;
         let (scale, note) = description.scale(format.element, format.samples);
@@ -127,7 +127,7 @@ impl TiffStack {
     }
 
     /// Counts the losses of voxels in all planes; a forbidden loss is an error.
-    fn count_losses(&mut self, nodata: Option<f64>, options: &OpenOptions) -> Result<(), ImportError> {
+    fn count_losses(&mut self, nodata: Option<f64>, options: &OpenOptions) -> Result<()> {
         let path = |place: Place| &self.parts.files[place.file as usize].path;
         let Some(mut losses) = Losses::may_occur(&self.parts.files[0].path, self.decode, nodata, options) else {
             return Ok(());
@@ -148,11 +148,7 @@ impl TiffStack {
     }
 
     /// Runs `f` on a decoder positioned at the page.
-    fn with_page(
-        &self,
-        place: Place,
-        f: impl FnOnce(&mut OpenTiff) -> Result<(), ImportError>,
-    ) -> Result<(), ImportError> {
+    fn with_page(&self, place: Place, f: impl FnOnce(&mut OpenTiff) -> Result<()>) -> Result<()> {
         let file = &self.parts.files[place.file as usize];
         // A poisoned lock still holds valid decoders: only the list changes under it.
         let rest = || self.parts.idle.lock().unwrap_or_else(|poisoned| poisoned.into_inner());

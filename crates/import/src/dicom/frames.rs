@@ -7,7 +7,7 @@ use super::header::{EXPLICIT_BIG_ENDIAN, Header};
 use super::mosaic::Mosaic;
 use super::pixels::{PixelFormat, Samples};
 use crate::element::Endian;
-use crate::error::ImportError;
+use crate::error::{ImportError, Result};
 use brickyard_volume::{VoxelBox, counted};
 use dicom_core::VR;
 use dicom_dictionary_std::{tags, uids};
@@ -57,7 +57,7 @@ pub(super) struct Frames {
 
 impl Frames {
     /// Finds the frames of a file by its header, and checks that the file holds them all.
-    pub(super) fn find(header: &Header) -> Result<Self, ImportError> {
+    pub(super) fn find(header: &Header) -> Result<Self> {
         let path = header.path.as_path();
         let format = PixelFormat::of(header)?;
         let Some(pixels) = header.pixels else {
@@ -141,7 +141,7 @@ impl Frames {
     }
 
     /// Reads and decodes one frame, or the picture containing it.
-    pub(super) fn read(&self, header: &Header, frame: usize) -> Result<Samples, ImportError> {
+    pub(super) fn read(&self, header: &Header, frame: usize) -> Result<Samples> {
         let path = header.path.as_path();
         let frame = if self.mosaic.is_some() { 0 } else { frame };
         let bytes = match (self.packing, &self.places[frame][..]) {
@@ -175,7 +175,7 @@ impl Frames {
 }
 
 /// Number of frames by the header, 1 by default.
-fn frame_count(header: &Header) -> Result<u64, ImportError> {
+fn frame_count(header: &Header) -> Result<u64> {
     let text = header.text(tags::NUMBER_OF_FRAMES).filter(|text| !text.is_empty());
     let Some(text) = text else { return Ok(1) };
     let count = text.parse::<f64>().ok().filter(|n| n.fract() == 0.0 && (1.0..=f64::from(u32::MAX)).contains(n));
@@ -183,7 +183,7 @@ fn frame_count(header: &Header) -> Result<u64, ImportError> {
     count.map(|n| n as u64).ok_or_else(|| ImportError::invalid(&header.path, problem()))
 }
 
-fn packing_of(header: &Header) -> Result<Packing, ImportError> {
+fn packing_of(header: &Header) -> Result<Packing> {
     Ok(match header.syntax.as_str() {
         uids::IMPLICIT_VR_LITTLE_ENDIAN | uids::EXPLICIT_VR_LITTLE_ENDIAN => Packing::Native(Endian::Little),
         EXPLICIT_BIG_ENDIAN => Packing::Native(Endian::Big),
@@ -207,7 +207,7 @@ fn native_places(
     offset: u64,
     length: u64,
     end: u64,
-) -> Result<Vec<Ranges>, ImportError> {
+) -> Result<Vec<Ranges>> {
     let frame = format.pixels() * format.width as u64;
     let expected = frame.saturating_mul(count);
     let found = length.min(end.saturating_sub(offset));
@@ -224,7 +224,7 @@ fn native_places(
 }
 
 /// Places of the fragments of each frame in encapsulated pixel data: items, the first of which is a table of offsets.
-fn fragment_places(path: &Path, count: u64, start: u64) -> Result<Vec<Ranges>, ImportError> {
+fn fragment_places(path: &Path, count: u64, start: u64) -> Result<Vec<Ranges>> {
     let mut file = File::open(path).map_err(ImportError::io(path))?;
     let end = file.metadata().map_err(ImportError::io(path))?.len();
     let mut items = Vec::new();
@@ -282,7 +282,7 @@ fn fragment_places(path: &Path, count: u64, start: u64) -> Result<Vec<Ranges>, I
     Ok((0..starts.len()).map(of_frame).collect())
 }
 
-fn read_ranges(path: &Path, ranges: &[(u64, u64)]) -> Result<Vec<u8>, ImportError> {
+fn read_ranges(path: &Path, ranges: &[(u64, u64)]) -> Result<Vec<u8>> {
     let mut file = File::open(path).map_err(ImportError::io(path))?;
     let mut bytes = vec![0; ranges.iter().map(|r| r.1 as usize).sum()];
     let mut rest = &mut bytes[..];

@@ -4,7 +4,7 @@
 //! Other values are skipped, so the cost depends on the header, not on the file's size. Lengths are checked against the file before use.
 
 use crate::dicom_files::first_group_at;
-use crate::error::ImportError;
+use crate::error::{ImportError, Result};
 use crate::mapped::MappedFile;
 use crate::stamp::Stamp;
 use dicom_core::dictionary::{DataDictionary, DataDictionaryEntry};
@@ -126,7 +126,7 @@ impl Header {
     }
 
     /// Reads the header of a file, up to its pixel data.
-    pub(super) fn read(path: &Path) -> Result<Self, ImportError> {
+    pub(super) fn read(path: &Path) -> Result<Self> {
         let file = MappedFile::open(path)?;
         let header = Self::parse(path, &file).map(|header| Self { stamp: file.stamp, ..header });
         // Even damage found counts only if the file is unchanged.
@@ -134,7 +134,7 @@ impl Header {
         header
     }
 
-    fn parse(path: &Path, map: &[u8]) -> Result<Self, ImportError> {
+    fn parse(path: &Path, map: &[u8]) -> Result<Self> {
         let not_dicom = || ImportError::invalid(path, "not a DICOM file: expected the letters DICM at byte 128");
         let (syntax, body) = read_meta(path, map, first_group_at(map).ok_or_else(not_dicom)?)?;
         let mut header = Self { path: path.to_owned(), body: body as u64, syntax, ..Self::default() };
@@ -147,7 +147,7 @@ impl Header {
     }
 
     /// Reads the header of a deflated data set, holding no more than it needs; the rest is only counted.
-    fn read_deflated(&mut self, deflated: &[u8]) -> Result<(), ImportError> {
+    fn read_deflated(&mut self, deflated: &[u8]) -> Result<()> {
         let path = self.path.clone();
         let mut inflater = DeflateDecoder::new(deflated);
         let mut start = Vec::new();
@@ -176,7 +176,7 @@ impl Header {
     }
 
     /// Checks that the file is unchanged since its header was read. Call it after reading, before trusting the bytes.
-    pub(super) fn confirm(&self) -> Result<(), ImportError> {
+    pub(super) fn confirm(&self) -> Result<()> {
         self.stamp.map_or(Ok(()), |stamp| stamp.check(&self.path))
     }
 
@@ -200,7 +200,7 @@ impl Header {
     }
 
     /// Inflates a deflated data set and returns `length` bytes from byte `first` on. Earlier bytes are not kept in memory.
-    pub(super) fn read_inflated(&self, first: u64, length: u64) -> Result<Vec<u8>, ImportError> {
+    pub(super) fn read_inflated(&self, first: u64, length: u64) -> Result<Vec<u8>> {
         let mut file = File::open(&self.path).map_err(ImportError::io(&self.path))?;
         file.seek(SeekFrom::Start(self.body)).map_err(ImportError::io(&self.path))?;
         let mut inflater = DeflateDecoder::new(file);
@@ -269,7 +269,7 @@ impl Header {
     }
 
     /// Collects the needed elements up to the pixel data.
-    fn read_data_set(&mut self, bytes: &[u8], start: usize) -> Result<(), ImportError> {
+    fn read_data_set(&mut self, bytes: &[u8], start: usize) -> Result<()> {
         // Unknown syntaxes are refused when their pixels are needed; headers are explicit little endian in all but the two oldest.
         let known = [uids::IMPLICIT_VR_LITTLE_ENDIAN, EXPLICIT_BIG_ENDIAN];
         let named = known.into_iter().find(|s| *s == self.syntax).unwrap_or(uids::EXPLICIT_VR_LITTLE_ENDIAN);
@@ -358,7 +358,7 @@ impl Header {
     }
 
     /// Records a sequence of unknown representation, whose items are not read; an error if it would describe frames.
-    fn enter_unread(&mut self, parents: &[Tag], tag: Tag) -> Result<(), ImportError> {
+    fn enter_unread(&mut self, parents: &[Tag], tag: Tag) -> Result<()> {
         const GROUPS: [Tag; 2] = [tags::SHARED_FUNCTIONAL_GROUPS_SEQUENCE, tags::PER_FRAME_FUNCTIONAL_GROUPS_SEQUENCE];
         let is_needed = match parents {
             [] => GROUPS.contains(&tag),
@@ -418,7 +418,7 @@ fn written_in<'a>(bytes: &[u8], start: usize, named: &'a str) -> &'a str {
 }
 
 /// The transfer syntax named by the file's first group, and the start of the data set. Without that group, the first element decides.
-fn read_meta(path: &Path, bytes: &[u8], at: usize) -> Result<(String, usize), ImportError> {
+fn read_meta(path: &Path, bytes: &[u8], at: usize) -> Result<(String, usize)> {
     if bytes.get(at..at + 2) != Some(&[2, 0]) && at == 0 {
         return Ok((written_in(bytes, at, uids::IMPLICIT_VR_LITTLE_ENDIAN).to_owned(), at));
     }
@@ -495,7 +495,7 @@ struct Elements<'a> {
 }
 
 impl<'a> Elements<'a> {
-    fn new(path: &'a Path, bytes: &'a [u8], start: usize, syntax: &str) -> Result<Self, ImportError> {
+    fn new(path: &'a Path, bytes: &'a [u8], start: usize, syntax: &str) -> Result<Self> {
         let syntax = TransferSyntaxRegistry
             .get(syntax)
             .ok_or_else(|| ImportError::unsupported(path, format!("transfer syntax {syntax}")))?;
@@ -503,7 +503,7 @@ impl<'a> Elements<'a> {
         Ok(Self { path, bytes, syntax, reader, read_to, position: start, sequences: Vec::new(), items: 0 })
     }
 
-    fn next(&mut self) -> Result<Option<Element<'_>>, ImportError> {
+    fn next(&mut self) -> Result<Option<Element<'_>>> {
         loop {
             let (path, position) = (self.path, self.position);
             let token = match self.reader.advance() {
@@ -555,7 +555,7 @@ impl<'a> Elements<'a> {
     }
 
     /// Records the start of a sequence.
-    fn open(&mut self, tag: Tag) -> Result<(), ImportError> {
+    fn open(&mut self, tag: Tag) -> Result<()> {
         if self.sequences.len() == DEEPEST {
             return Err(damaged(self.path, self.position, &"sequences nest too deeply"));
         }
@@ -575,12 +575,12 @@ impl<'a> Elements<'a> {
     }
 
     /// Reads the value of the last element.
-    fn read(&mut self, header: &DataElementHeader) -> Result<PrimitiveValue, ImportError> {
+    fn read(&mut self, header: &DataElementHeader) -> Result<PrimitiveValue> {
         self.value(header, |decoder, header| decoder.read_value_preserved(header))
     }
 
     /// Skips the value of the last element.
-    fn skip(&mut self, header: &DataElementHeader) -> Result<(), ImportError> {
+    fn skip(&mut self, header: &DataElementHeader) -> Result<()> {
         self.value(header, |decoder, header| decoder.skip_bytes(header.len.0))
     }
 
@@ -588,7 +588,7 @@ impl<'a> Elements<'a> {
         &mut self,
         header: &DataElementHeader,
         take: impl FnOnce(&mut Decoder<'a>, &DataElementHeader) -> Result<T, E>,
-    ) -> Result<T, ImportError> {
+    ) -> Result<T> {
         let (path, position) = (self.path, self.position);
         let Some(Ok(LazyDataToken::LazyValue { decoder, .. })) = self.reader.advance() else {
             return Err(damaged(path, position, &"an element without a value"));
@@ -606,7 +606,7 @@ fn reader_at<'a>(
     bytes: &'a [u8],
     start: usize,
     syntax: &TransferSyntax,
-) -> Result<(LazyDataSetReader<Decoder<'a>>, Rc<Cell<u64>>), ImportError> {
+) -> Result<(LazyDataSetReader<Decoder<'a>>, Rc<Cell<u64>>)> {
     let mut cursor = Cursor::new(bytes);
     cursor.set_position(start as u64);
     let position = Rc::new(Cell::new(start as u64));
@@ -640,7 +640,7 @@ fn end_of_implicit(bytes: &[u8], mut at: usize, depth: usize) -> Option<usize> {
 }
 
 /// Refuses a value extending past the file's end.
-fn check_end(path: &Path, bytes: &[u8], decoder: &Decoder, tag: Tag, length: u32) -> Result<(), ImportError> {
+fn check_end(path: &Path, bytes: &[u8], decoder: &Decoder, tag: Tag, length: u32) -> Result<()> {
     let (end, found) = (decoder.position().saturating_add(length as u64), bytes.len());
     if end <= found as u64 {
         return Ok(());

@@ -2,7 +2,7 @@
 
 use super::header::Header;
 use crate::element::Endian;
-use crate::error::ImportError;
+use crate::error::{ImportError, Result};
 use brickyard_volume::{VoxelBox, VoxelType, with_voxel_type};
 use dicom_dictionary_std::tags;
 use std::path::Path;
@@ -26,7 +26,7 @@ pub(super) struct PixelFormat {
 
 impl PixelFormat {
     /// Reads the pixel format from a header and checks it.
-    pub(super) fn of(header: &Header) -> Result<Self, ImportError> {
+    pub(super) fn of(header: &Header) -> Result<Self> {
         let path = header.path.as_path();
         let need = |tag, name: &str| {
             header.number(tag).ok_or_else(|| {
@@ -70,7 +70,7 @@ impl PixelFormat {
     }
 
     /// Refuses JPEG and JPEG 2000 formats that their decoders would misread.
-    pub(super) fn check_codec(&self, path: &Path, is_jpeg_2000: bool) -> Result<(), ImportError> {
+    pub(super) fn check_codec(&self, path: &Path, is_jpeg_2000: bool) -> Result<()> {
         if self.shift > 0 {
             return Err(ImportError::unsupported(path, "JPEG pixels whose HighBit is not BitsStored - 1"));
         }

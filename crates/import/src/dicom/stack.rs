@@ -4,7 +4,7 @@
 //! uses NIfTI's world, x to the right and y to the front, so that volumes of one patient align in any format.
 
 use super::pixels::Meaning;
-use crate::error::ImportError;
+use crate::error::{ImportError, Result};
 use crate::note::Note;
 use crate::options::{Gaps, OpenOptions};
 use brickyard_volume::counted;
@@ -89,7 +89,7 @@ impl Names<'_> {
 /// # Errors
 /// If the slices are not one upright stack: they differ in direction or pixel size, two lie in one place, the spacing is uneven, or the
 /// stack leans.
-pub(super) fn arrange(slices: &mut [Slice], names: &Names, options: &OpenOptions) -> Result<Placement, ImportError> {
+pub(super) fn arrange(slices: &mut [Slice], names: &Names, options: &OpenOptions) -> Result<Placement> {
     let first = slices[0].clone();
     check_directions(slices, names)?;
     let normal = first.along_row.cross(first.along_column).normalize();
@@ -133,7 +133,7 @@ fn alone(slice: &Slice) -> Along {
 }
 
 /// Checks that all slices have one direction and pixel size.
-fn check_directions(slices: &[Slice], names: &Names) -> Result<(), ImportError> {
+fn check_directions(slices: &[Slice], names: &Names) -> Result<()> {
     let first = &slices[0];
     let (row, column) = (first.along_row, first.along_column);
     let upright = [row.length() - 1.0, column.length() - 1.0, row.dot(column)];
@@ -188,13 +188,7 @@ pub(super) fn kinds<T>(items: &[T], same: impl Fn(&T, &T) -> bool) -> Vec<(usize
 }
 
 /// Places sorted slices along z. They must lie apart, at distances by the rule.
-fn along(
-    gaps: &[f64],
-    slices: &[Slice],
-    normal: DVec3,
-    names: &Names,
-    options: &OpenOptions,
-) -> Result<Along, ImportError> {
+fn along(gaps: &[f64], slices: &[Slice], normal: DVec3, names: &Names, options: &OpenOptions) -> Result<Along> {
     let mut positive: Vec<f64> = gaps.iter().copied().filter(|g| *g > 1e-6).collect();
     positive.sort_by(f64::total_cmp);
     let [nearest, typical] = [0, positive.len() / 2].map(|i| positive.get(i).copied().unwrap_or(0.0));
@@ -235,7 +229,7 @@ fn is_uneven(gap: f64, expected: f64) -> bool {
 }
 
 /// Checks that no two slices lie in one place.
-fn check_doubles(gaps: &[f64], typical: f64, slices: &[Slice], names: &Names) -> Result<(), ImportError> {
+fn check_doubles(gaps: &[f64], typical: f64, slices: &[Slice], names: &Names) -> Result<()> {
     let is_double = |gap: &f64| *gap <= SPACING_TOLERANCE * typical;
     let Some(at) = gaps.iter().position(is_double) else { return Ok(()) };
     let (a, b) = (&slices[at], &slices[at + 1]);
@@ -324,7 +318,7 @@ fn is_rounding(gaps: &[f64], rounding: f64, mean: f64) -> bool {
 }
 
 /// Checks that sorted slices lie straight above one another.
-fn check_lean(slices: &[Slice], normal: DVec3, names: &Names) -> Result<(), ImportError> {
+fn check_lean(slices: &[Slice], normal: DVec3, names: &Names) -> Result<()> {
     let first = &slices[0];
     let lean = |s: &Slice| {
         let offset = s.position - first.position;

@@ -4,7 +4,7 @@
 //! Files are not trusted: named buffers must lie in the file's folder, and declared sizes are checked before any allocation.
 
 use super::{Parts, code};
-use crate::error::ImportError;
+use crate::error::{ImportError, Result};
 use crate::files::folder_of;
 use base64::Engine;
 use base64::prelude::BASE64_STANDARD;
@@ -30,7 +30,7 @@ const MOST_COPIES: u64 = 8;
 /// Bytes before the parts of a binary file.
 const BINARY_HEADER: usize = 12;
 
-pub(super) fn read(path: &Path, bytes: Vec<u8>) -> Result<Parts, ImportError> {
+pub(super) fn read(path: &Path, bytes: Vec<u8>) -> Result<Parts> {
     let bad = |problem: String| ImportError::invalid(path, problem);
     let (document, blob) = document(&bytes).map_err(bad)?;
     if let Some(extension) = document.extensions_required().next() {
@@ -147,7 +147,7 @@ fn check_size(nodes: &[(Node<'_>, DMat4)], buffers: &[Vec<u8>]) -> Result<(), St
 }
 
 /// Reads each buffer: in the file itself, beside it, or encoded in its URI.
-fn buffers(path: &Path, document: &Document, mut blob: Option<Vec<u8>>) -> Result<Vec<Vec<u8>>, ImportError> {
+fn buffers(path: &Path, document: &Document, mut blob: Option<Vec<u8>>) -> Result<Vec<Vec<u8>>> {
     let mut buffers = Vec::new();
     let mut named = Vec::new();
     for buffer in document.buffers() {
@@ -182,7 +182,7 @@ fn buffers(path: &Path, document: &Document, mut blob: Option<Vec<u8>>) -> Resul
 }
 
 /// Resolves a name to a file in the folder of `path`, or below; `None` if it leads elsewhere.
-fn file_beside(path: &Path, uri: &str) -> Result<Option<PathBuf>, ImportError> {
+fn file_beside(path: &Path, uri: &str) -> Result<Option<PathBuf>> {
     let name = PathBuf::from(unescaped(uri));
     let is_below = name.components().all(|part| matches!(part, Component::Normal(_) | Component::CurDir));
     if uri.contains(':') || !is_below {

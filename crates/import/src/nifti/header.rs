@@ -2,7 +2,7 @@
 
 use crate::axes::{Axis, AxisOrder, Sizes};
 use crate::element::{Decode, Element, Endian, Scale};
-use crate::error::ImportError;
+use crate::error::{ImportError, Result};
 use crate::raw::ArrayLayout;
 use brickyard_volume::{Extent, VoxelType};
 use std::io::Read;
@@ -17,7 +17,7 @@ pub(super) struct Header {
 }
 
 impl Header {
-    pub(super) fn read(stream: &mut impl Read, path: &Path) -> Result<Self, ImportError> {
+    pub(super) fn read(stream: &mut impl Read, path: &Path) -> Result<Self> {
         let mut bytes = Vec::with_capacity(540);
         stream.take(540).read_to_end(&mut bytes).map_err(|error| {
             ImportError::invalid(path, format!("compressed data cut short or damaged inside the header: {error}"))

@@ -6,7 +6,7 @@ use super::ome::{self, Part};
 use super::page::OpenTiff;
 use super::told::LONGEST_DESCRIPTION;
 use super::xml::Failure;
-use crate::error::ImportError;
+use crate::error::{ImportError, Result};
 use crate::files::{first_bytes, folder_of, name_of};
 use std::collections::HashMap;
 use std::fs::File;
@@ -14,7 +14,7 @@ use std::io::{BufReader, Read};
 use std::path::{Component, Path, PathBuf};
 
 /// Whether a file is bare OME-XML, by its name and its start.
-pub(crate) fn is_companion(path: &Path) -> Result<bool, ImportError> {
+pub(crate) fn is_companion(path: &Path) -> Result<bool> {
     let name = name_of(path).to_ascii_lowercase();
     if ![".ome", ".ome.xml"].iter().any(|end| name.ends_with(end)) {
         return Ok(false);
@@ -28,7 +28,7 @@ pub(crate) fn is_companion(path: &Path) -> Result<bool, ImportError> {
 ///
 /// # Errors
 /// If it is something else, or cannot be followed; if the disk cannot read it.
-pub(super) fn read_companion(path: &Path) -> Result<Description, ImportError> {
+pub(super) fn read_companion(path: &Path) -> Result<Description> {
     let file = File::open(path).map_err(ImportError::io(path))?;
     let bytes = file.metadata().map_err(ImportError::io(path))?.len();
     if bytes > LONGEST_DESCRIPTION {
@@ -47,11 +47,7 @@ pub(super) fn read_companion(path: &Path) -> Result<Description, ImportError> {
 ///
 /// # Errors
 /// If the name leads out of the folder, or to no file, or to one of another UUID.
-pub(super) fn follow(
-    path: &Path,
-    metadata_file: &str,
-    uuid: Option<&str>,
-) -> Result<(PathBuf, Description), ImportError> {
+pub(super) fn follow(path: &Path, metadata_file: &str, uuid: Option<&str>) -> Result<(PathBuf, Description)> {
     let what = "is BinaryOnly: its pages are described in";
     let other = beside(path, metadata_file, what)?;
     let description = match first_bytes(&other, 4)?.as_slice() {
@@ -91,7 +87,7 @@ impl Set {
     ///
     /// # Errors
     /// If a name leads out of the folder, or to no file: the message gives it.
-    pub(super) fn find(path: &Path, uuid: Option<&str>, has_pages: bool, parts: &[Part]) -> Result<Self, ImportError> {
+    pub(super) fn find(path: &Path, uuid: Option<&str>, has_pages: bool, parts: &[Part]) -> Result<Self> {
         let mut set = Self { paths: Vec::new(), of_part: Vec::with_capacity(parts.len()), uuids: Vec::new() };
         let mut known: HashMap<PathBuf, u32> = HashMap::new();
         if has_pages {
@@ -133,12 +129,7 @@ impl Set {
 }
 
 /// Checks a file's UUID against the one another file expects, where both have one.
-pub(super) fn check_uuid(
-    naming: &Path,
-    path: &Path,
-    expected: Option<&str>,
-    found: Option<&str>,
-) -> Result<(), ImportError> {
+pub(super) fn check_uuid(naming: &Path, path: &Path, expected: Option<&str>, found: Option<&str>) -> Result<()> {
     match expected.zip(found) {
         Some((expected, found)) if !same_uuid(expected, found) => {
             let problem = format!(
@@ -161,7 +152,7 @@ fn same_uuid(a: &str, b: &str) -> bool {
 }
 
 /// Finds the regular file of this name in the folder of `path`, or below it. `what` describes the name in messages.
-fn beside(path: &Path, name: &str, what: &str) -> Result<PathBuf, ImportError> {
+fn beside(path: &Path, name: &str, what: &str) -> Result<PathBuf> {
     let folder = folder_of(path);
     let outside = || {
         let problem = format!(

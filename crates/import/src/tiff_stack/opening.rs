@@ -10,7 +10,7 @@ use super::walk::{open_pages, refuse_problem};
 use super::{Parts, TiffFile, TiffStack};
 use crate::axes::{Axis, AxisOrder};
 use crate::element::Decode;
-use crate::error::ImportError;
+use crate::error::{ImportError, Result};
 use crate::mapped::MappedFile;
 use crate::note::Note;
 use crate::options::{NoData, OpenOptions};
@@ -22,7 +22,7 @@ use std::sync::Mutex;
 
 /// Whether a TIFF file has more than one plane: several pages, apart from smaller copies and masks of others; or a stack behind a single
 /// directory, unless `axes` describe the pages.
-pub(crate) fn has_several_planes(path: &Path, options: &OpenOptions) -> Result<bool, ImportError> {
+pub(crate) fn has_several_planes(path: &Path, options: &OpenOptions) -> Result<bool> {
     if is_companion(path)? {
         return Ok(true);
     }
@@ -50,7 +50,7 @@ pub(crate) fn has_several_planes(path: &Path, options: &OpenOptions) -> Result<b
 
 /// Whether all, or most, planes of a described stack follow the data of the file's only directory. A page cut out of such a stack may have its
 /// description, but not the planes.
-fn holds_stack(tiff: &mut OpenTiff) -> Result<bool, ImportError> {
+fn holds_stack(tiff: &mut OpenTiff) -> Result<bool> {
     let format = tiff.format()?;
     let description = tiff.description(&format)?;
     let Some(declared) = description.declared.filter(|declared| declared.in_one_directory && declared.planes() > 1)
@@ -73,7 +73,7 @@ fn holds_stack(tiff: &mut OpenTiff) -> Result<bool, ImportError> {
 
 /// Opens one TIFF file, of one page or several, with the rest of its OME set if it is in one; or the companion of such files. `is_alone`: it is
 /// the only input.
-pub(crate) fn open_file(path: &Path, options: &OpenOptions, is_alone: bool) -> Result<Box<dyn Source>, ImportError> {
+pub(crate) fn open_file(path: &Path, options: &OpenOptions, is_alone: bool) -> Result<Box<dyn Source>> {
     if is_companion(path)? {
         return open_companion(path, options, is_alone);
     }
@@ -98,7 +98,7 @@ pub(crate) fn open_file(path: &Path, options: &OpenOptions, is_alone: bool) -> R
 }
 
 /// Opens single-page files as planes, in the given order.
-pub(crate) fn open_planes(paths: &[PathBuf], options: &OpenOptions) -> Result<Box<dyn Source>, ImportError> {
+pub(crate) fn open_planes(paths: &[PathBuf], options: &OpenOptions) -> Result<Box<dyn Source>> {
     let mut first: Option<(PageFormat, Description)> = None;
     let mut files = Vec::with_capacity(paths.len());
     let (mut reader_bytes, mut with_copies) = (0, 0);
@@ -156,7 +156,7 @@ pub(crate) fn open_planes(paths: &[PathBuf], options: &OpenOptions) -> Result<Bo
 }
 
 /// Refuses a file whose OME-XML names a set of files: its place in the set may not follow from its name.
-fn check_is_no_part(path: &Path, description: &Description) -> Result<(), ImportError> {
+fn check_is_no_part(path: &Path, description: &Description) -> Result<()> {
     let is_part = description.ome.as_ref().is_some_and(|ome| match &ome.says {
         OmeSays::Pixels(pixels) => pixels.parts.len() > 1,
         OmeSays::Elsewhere { .. } => true,
@@ -172,7 +172,7 @@ fn check_scale(
     description: &Description,
     (first_path, first): (&Path, &Description),
     options: &OpenOptions,
-) -> Result<(), ImportError> {
+) -> Result<()> {
     // One pixel in a thousand.
     const TOLERANCE: f64 = 1e-3;
     let is_near = |a: f64, b: f64| (a - b).abs() <= TOLERANCE * a.abs().max(b.abs());
@@ -202,7 +202,7 @@ fn open_contiguous(
     declared: &Declared,
     description: &Description,
     options: &OpenOptions,
-) -> Result<Box<dyn Source>, ImportError> {
+) -> Result<Box<dyn Source>> {
     if let Some(images) = declared.images.filter(|images| u64::from(*images) != declared.planes()) {
         let problem = format!(
             "its description has {images} images, but its channels, slices and frames make {}; pass `axes` zyx to take \

@@ -6,7 +6,7 @@ use super::lzw::{self, Predictor, Rows};
 use super::refusal::{AS_NUMBERS, is_damage, kind_of, not_decoded, refusal};
 use super::turn::Turn;
 use crate::element::{Decode, Element, Endian};
-use crate::error::ImportError;
+use crate::error::{ImportError, Result};
 use crate::stamp::Stamp;
 use brickyard_volume::{VoxelBox, VoxelType};
 use std::fs::File;
@@ -135,7 +135,7 @@ enum Packing {
 }
 
 impl OpenTiff {
-    pub(super) fn open(path: &Path) -> Result<Self, ImportError> {
+    pub(super) fn open(path: &Path) -> Result<Self> {
         let file = File::open(path).map_err(ImportError::io(path))?;
         let stamp = Stamp::in_metadata(&file.metadata().map_err(ImportError::io(path))?);
         let decoder = Decoder::new(PageBytes::new(file)).map_err(|e| refusal(path, "cannot be read", e))?;
@@ -155,7 +155,7 @@ impl OpenTiff {
     }
 
     /// Records the decoder's current page, counted from 0, after a move to it.
-    fn arrive(&mut self, page: u32, moved: TiffResult<()>) -> Result<(), ImportError> {
+    fn arrive(&mut self, page: u32, moved: TiffResult<()>) -> Result<()> {
         (self.packing, self.page) = (Packing::Unknown, page);
         let is_palette = moved.and_then(|()| indices::as_numbers(&mut self.decoder, page));
         self.is_palette =
@@ -164,12 +164,12 @@ impl OpenTiff {
     }
 
     /// The number in a tag of the current page. `what` is read, for messages.
-    fn number<T: TryFrom<u64>>(&mut self, tag: Tag, what: &str) -> Result<Option<T>, ImportError> {
+    fn number<T: TryFrom<u64>>(&mut self, tag: Tag, what: &str) -> Result<Option<T>> {
         self.decoder.find_tag_unsigned(tag).map_err(|e| refusal(&self.path, what, e))
     }
 
     /// The numbers in a tag of the current page; empty if it has none.
-    fn numbers(&mut self, tag: Tag, what: &str) -> Result<Vec<u64>, ImportError> {
+    fn numbers(&mut self, tag: Tag, what: &str) -> Result<Vec<u64>> {
         let numbers = self.decoder.find_tag_unsigned_vec(tag).map_err(|e| refusal(&self.path, what, e))?;
         Ok(numbers.unwrap_or_default())
     }
@@ -179,33 +179,33 @@ impl OpenTiff {
     }
 
     /// Whether the page is a smaller copy of another (an overview, a thumbnail) or a mask.
-    pub(super) fn is_copy_or_mask(&mut self) -> Result<bool, ImportError> {
+    pub(super) fn is_copy_or_mask(&mut self) -> Result<bool> {
         let kind = self.decoder.find_tag_unsigned::<u32>(Tag::NewSubfileType);
         Ok(said(&self.path, kind)?.is_some_and(|kind| kind & COPY_OR_MASK != 0))
     }
 
     /// The size of the page if it is half as large as one of this format, or smaller.
-    pub(super) fn small_size(&mut self, format: &PageFormat) -> Result<Option<(u32, u32)>, ImportError> {
+    pub(super) fn small_size(&mut self, format: &PageFormat) -> Result<Option<(u32, u32)>> {
         let (width, height) = self.decoder.dimensions().map_err(|e| refusal(&self.path, PAGE, e))?;
         let is_small = width <= format.width.div_ceil(2) && height <= format.height.div_ceil(2);
         Ok((is_small && (width, height) != (format.width, format.height)).then_some((width, height)))
     }
 
     /// Moves the decoder to the next page.
-    pub(super) fn next_page(&mut self) -> Result<(), ImportError> {
+    pub(super) fn next_page(&mut self) -> Result<()> {
         self.decoder.inner().as_it_is();
         let moved = self.decoder.next_image();
         self.arrive(self.page + 1, moved)
     }
 
     /// Moves the decoder to a page, counted from 0.
-    pub(super) fn seek(&mut self, page: u32) -> Result<(), ImportError> {
+    pub(super) fn seek(&mut self, page: u32) -> Result<()> {
         self.decoder.inner().as_it_is();
         let moved = self.decoder.seek_to_image(page as usize);
         self.arrive(page, moved)
     }
 
-    pub(super) fn format(&mut self) -> Result<PageFormat, ImportError> {
+    pub(super) fn format(&mut self) -> Result<PageFormat> {
         let path = self.path.clone();
         let refuse = |e| refusal(&path, PAGE, e);
         self.check_packing()?;
@@ -255,7 +255,7 @@ impl OpenTiff {
         Ok(PageFormat { width, height, element, samples, planar, white_is_zero, is_rgb, is_palette, turn })
     }
 
-    fn turn(&mut self) -> Result<Turn, ImportError> {
+    fn turn(&mut self) -> Result<Turn> {
         let value = self.number::<u16>(Tag::Orientation, PAGE)?.unwrap_or(1);
         Turn::of_orientation(value).ok_or_else(|| {
             let advice = "write it again with one from 1 to 8 (tiffset -s Orientation 1)";
@@ -264,7 +264,7 @@ impl OpenTiff {
     }
 
     /// Memory in bytes for decoding a strip or tile of the page: decoded pixels, decompressor, and lists of offsets and lengths.
-    pub(super) fn reader_bytes(&mut self, format: &PageFormat) -> Result<u64, ImportError> {
+    pub(super) fn reader_bytes(&mut self, format: &PageFormat) -> Result<u64> {
         let layout = self.decoder.image_chunk_buffer_layout(0);
         let decoded = layout.map_err(|e| refusal(&self.path, PAGE, e))?.len as u64;
         let kept = match self.number::<u16>(Tag::Compression, PAGE)? {
@@ -292,7 +292,7 @@ impl OpenTiff {
     }
 
     /// Refuses packings that the library would refuse only on reading, or misread.
-    fn check_packing(&mut self) -> Result<(), ImportError> {
+    fn check_packing(&mut self) -> Result<()> {
         let code = self.number::<u16>(Tag::Compression, PAGE)?.unwrap_or(1);
         if !READ.contains(&code) {
             let name = NOT_READ.iter().find(|(c, _)| *c == code).map_or("unknown", |(_, name)| name);
@@ -308,7 +308,7 @@ impl OpenTiff {
     }
 
     /// Refuses pages with a third dimension: the library ignores it, and would read the first slice.
-    fn check_depth(&mut self) -> Result<(), ImportError> {
+    fn check_depth(&mut self) -> Result<()> {
         for tag in [IMAGE_DEPTH, TILE_DEPTH] {
             let depth = self.number::<u64>(tag, PAGE)?.unwrap_or(1);
             if depth > 1 {
@@ -321,7 +321,7 @@ impl OpenTiff {
 
     /// Checks the strips or tiles of the page: they must lie inside the file, not be empty, and hold all their pixels if
     /// uncompressed. `number` is the page's number, counted from 1, for messages.
-    pub(super) fn check_data(&mut self, number: u32) -> Result<(), ImportError> {
+    pub(super) fn check_data(&mut self, number: u32) -> Result<()> {
         let page = format!("page {number}");
         let plain = self.plain_chunk()?;
         let is_jpeg = self.number::<u16>(Tag::Compression, &page)? == Some(JPEG);
@@ -360,7 +360,7 @@ impl OpenTiff {
     }
 
     /// Refuses JPEG kinds that the library mistakes for damage, by the head of a strip or tile.
-    fn check_jpeg(&mut self, at: u64, count: u64) -> Result<(), ImportError> {
+    fn check_jpeg(&mut self, at: u64, count: u64) -> Result<()> {
         let mut head = Vec::new();
         let file = self.decoder.inner();
         let read = file
@@ -374,7 +374,7 @@ impl OpenTiff {
     }
 
     /// Strips or tiles of a page of uncompressed pixels.
-    fn plain_chunk(&mut self) -> Result<Option<PlainChunk>, ImportError> {
+    fn plain_chunk(&mut self) -> Result<Option<PlainChunk>> {
         if self.number::<u64>(Tag::Compression, FILE)?.unwrap_or(1) != 1 {
             return Ok(None);
         }
@@ -393,7 +393,7 @@ impl OpenTiff {
     ///
     /// # Errors
     /// If the page is compressed, tiled, turned, or in strips with gaps.
-    pub(super) fn contiguous_start(&mut self, format: &PageFormat) -> Result<(u64, Endian), ImportError> {
+    pub(super) fn contiguous_start(&mut self, format: &PageFormat) -> Result<(u64, Endian)> {
         let compression = self.number::<u16>(Tag::Compression, FILE)?.unwrap_or(1);
         let (offsets, counts) = (self.numbers(Tag::StripOffsets, FILE)?, self.numbers(Tag::StripByteCounts, FILE)?);
         let (Some(&start), 1, true) = (offsets.first(), compression, format.turn.is_none()) else {
@@ -417,7 +417,7 @@ impl OpenTiff {
         decode: Decode,
         region: VoxelBox,
         out: &mut [u8],
-    ) -> Result<(), ImportError> {
+    ) -> Result<()> {
         if format.turn.is_none() {
             return self.read_stored(format, sample, decode, region, out);
         }
@@ -436,7 +436,7 @@ impl OpenTiff {
         decode: Decode,
         region: VoxelBox,
         out: &mut [u8],
-    ) -> Result<(), ImportError> {
+    ) -> Result<()> {
         let (chunk_width, chunk_height) = self.chunk_size(format);
         let (across, down) = self.chunks(format);
         let plane = if format.planar { sample * across * down } else { 0 };
@@ -459,7 +459,7 @@ impl OpenTiff {
     }
 
     /// Decodes a strip or tile into the buffer; returns the bytes from one of its rows to the next.
-    fn decode_chunk(&mut self, index: u32, format: &PageFormat) -> Result<usize, ImportError> {
+    fn decode_chunk(&mut self, index: u32, format: &PageFormat) -> Result<usize> {
         let layout = self.decoder.image_chunk_buffer_layout(index);
         let layout = layout.map_err(|e| refusal(&self.path, &format!("strip or tile {index}"), e))?;
         let stride = layout.row_stride.map_or(layout.len, usize::from);
@@ -480,7 +480,7 @@ impl OpenTiff {
     }
 
     /// Decodes an LZW strip or tile into the buffer, with rows of `stride` bytes.
-    fn decode_lzw(&mut self, index: u32, format: &PageFormat, stride: usize) -> Result<(), ImportError> {
+    fn decode_lzw(&mut self, index: u32, format: &PageFormat, stride: usize) -> Result<()> {
         let damaged = |path: &Path, problem: String| {
             let problem = format!("strip or tile {index} cannot be decoded: {problem}; fetch the file again");
             ImportError::invalid(path, problem)
@@ -518,7 +518,7 @@ impl OpenTiff {
         Ok(())
     }
 
-    fn find_packing(&mut self) -> Result<Packing, ImportError> {
+    fn find_packing(&mut self) -> Result<Packing> {
         if self.number::<u16>(Tag::Compression, PAGE)? != Some(LZW) {
             return Ok(Packing::Library);
         }
@@ -543,11 +543,7 @@ impl OpenTiff {
     }
 
     /// Calls `see` with the decoded samples of every strip or tile of the current page, in this machine's byte order.
-    pub(super) fn each_chunk(
-        &mut self,
-        format: &PageFormat,
-        mut see: impl FnMut(&[u8]) -> Result<(), ImportError>,
-    ) -> Result<(), ImportError> {
+    pub(super) fn each_chunk(&mut self, format: &PageFormat, mut see: impl FnMut(&[u8]) -> Result<()>) -> Result<()> {
         let (across, down) = self.chunks(format);
         let planes = if format.planar { format.samples as u32 } else { 1 };
         for index in 0..planes * across * down {
@@ -650,7 +646,7 @@ fn element_of(sample: DecodingSampleType) -> Option<Element> {
 }
 
 /// An optional tag's value: `None` if missing or damaged. But a disk error is returned, since the tag may define the values.
-pub(super) fn said<T>(path: &Path, read: Result<Option<T>, TiffError>) -> Result<Option<T>, ImportError> {
+pub(super) fn said<T>(path: &Path, read: Result<Option<T>, TiffError>) -> Result<Option<T>> {
     match read {
         Err(TiffError::IoError(error)) if !is_damage(&error) => Err(ImportError::io(path)(error)),
         read => Ok(read.ok().flatten()),

@@ -3,7 +3,7 @@
 use super::description::Declared;
 use super::page::PageFormat;
 use crate::axes::{Axis, AxisOrder, Sizes};
-use crate::error::ImportError;
+use crate::error::{ImportError, Result};
 use crate::note::Note;
 use crate::options::OpenOptions;
 use std::path::Path;
@@ -115,7 +115,7 @@ pub(super) fn arrange(
     options: &OpenOptions,
     declared: Option<&Declared>,
     format: &PageFormat,
-) -> Result<(PageMap, Option<Note>), ImportError> {
+) -> Result<(PageMap, Option<Note>)> {
     let all = pages.saturating_mul(files);
     let map = |axes: &[Axis], sizes: Sizes| PageMap::along(axes, of_page(sizes, format), pages);
     if let Some(axes) = &options.axes {

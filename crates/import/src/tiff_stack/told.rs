@@ -9,7 +9,7 @@ use super::refusal::is_damage;
 use super::tag_scale::ScaleTags;
 use super::xml::Failure;
 use super::{hyperstack, imagej, shaped, stk};
-use crate::error::ImportError;
+use crate::error::{ImportError, Result};
 use crate::note::Note;
 use brickyard_volume::ChannelLook;
 use std::io::{BufReader, Read};
@@ -45,7 +45,7 @@ impl OpenTiff {
     ///
     /// # Errors
     /// If the disk cannot read it.
-    pub(super) fn description(&mut self, format: &PageFormat) -> Result<Description, ImportError> {
+    pub(super) fn description(&mut self, format: &PageFormat) -> Result<Description> {
         let tags = self.scale_tags()?;
         let mut description = self.text_description(format, &tags)?.unwrap_or_default();
         let says_nothing = description.declared.is_none() && description.ome.is_none() && description.problem.is_none();
@@ -90,7 +90,7 @@ impl OpenTiff {
     ///
     /// # Errors
     /// If the disk cannot read it.
-    pub(super) fn ome_uuid(&mut self) -> Result<Option<String>, ImportError> {
+    pub(super) fn ome_uuid(&mut self) -> Result<Option<String>> {
         let length = self.decoder.image_ifd().find_entry(Tag::ImageDescription).map_or(0, |entry| entry.count());
         let text = TagText { end: length.min(LONGEST_DESCRIPTION).min(self.stamp.bytes), tiff: self, at: 0 };
         match ome::uuid(BufReader::new(text)) {
@@ -101,7 +101,7 @@ impl OpenTiff {
     }
 
     /// Parses the description's text; `None` for a plain remark.
-    fn text_description(&mut self, format: &PageFormat, tags: &ScaleTags) -> Result<Option<Description>, ImportError> {
+    fn text_description(&mut self, format: &PageFormat, tags: &ScaleTags) -> Result<Option<Description>> {
         let entry = self.decoder.image_ifd().find_entry(Tag::ImageDescription);
         let is_text = |kind| matches!(kind, Type::ASCII | Type::BYTE | Type::UNDEFINED);
         let Some(length) = entry.filter(|entry| is_text(entry.field_type())).map(|entry| entry.count()) else {
@@ -140,7 +140,7 @@ impl OpenTiff {
     }
 
     /// The first bytes of the description.
-    fn text(&mut self, length: u64) -> Result<String, ImportError> {
+    fn text(&mut self, length: u64) -> Result<String> {
         let mut bytes = Vec::new();
         let read = TagText { tiff: self, at: 0, end: length }.read_to_end(&mut bytes);
         read.map_err(ImportError::io(&self.path))?;
@@ -156,7 +156,7 @@ impl OpenTiff {
     }
 
     /// The description by MetaMorph's tags; `None` if there are none.
-    fn stk(&mut self) -> Result<Option<Description>, ImportError> {
+    fn stk(&mut self) -> Result<Option<Description>> {
         if !self.is_metamorph() {
             return Ok(None);
         }
@@ -170,7 +170,7 @@ impl OpenTiff {
     }
 
     /// The program of an unsupported description of several pages' order.
-    fn other_description(&mut self) -> Result<Option<&'static str>, ImportError> {
+    fn other_description(&mut self) -> Result<Option<&'static str>> {
         if !self.has_more_pages() {
             return Ok(None);
         }
@@ -198,7 +198,7 @@ impl OpenTiff {
     }
 
     /// Stored number of pixels without data, in digits, as written by GDAL.
-    pub(super) fn gdal_number(&mut self) -> Result<Option<f64>, ImportError> {
+    pub(super) fn gdal_number(&mut self) -> Result<Option<f64>> {
         let mut bytes = [0; LONGEST_NUMBER];
         let mut tags = self.decoder.image_ifd();
         let entry = tags.find_entry(Tag::GdalNodata).filter(|entry| entry.field_type() == Type::ASCII);
@@ -209,7 +209,7 @@ impl OpenTiff {
     }
 
     /// ImageJ's looks of the channels; empty if the file has none.
-    fn imagej_looks(&mut self) -> Result<Vec<ChannelLook>, ImportError> {
+    fn imagej_looks(&mut self) -> Result<Vec<ChannelLook>> {
         let counts =
             said(&self.path, self.decoder.find_tag_unsigned_vec::<u64>(imagej::BYTE_COUNTS))?.unwrap_or_default();
         let mut tags = self.decoder.image_ifd();
@@ -220,7 +220,7 @@ impl OpenTiff {
         Ok(imagej::channel_looks(&bytes, &counts))
     }
 
-    pub(super) fn scale_tags(&mut self) -> Result<ScaleTags, ImportError> {
+    pub(super) fn scale_tags(&mut self) -> Result<ScaleTags> {
         let mut ratio = |tag| {
             Ok::<_, ImportError>(match said(&self.path, self.decoder.find_tag(tag))? {
                 Some(Value::Rational(n, d)) if d > 0 => Some(n as f64 / d as f64),

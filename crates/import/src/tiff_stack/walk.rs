@@ -6,7 +6,7 @@ use super::page_map::arrange;
 use super::page_tags::PageTags;
 use super::thumbnails::Thumbnails;
 use super::{Parts, TiffFile, TiffStack};
-use crate::error::ImportError;
+use crate::error::{ImportError, Result};
 use crate::note::Note;
 use crate::options::OpenOptions;
 use crate::source::Source;
@@ -20,7 +20,7 @@ pub(super) fn open_pages(
     format: PageFormat,
     description: &Description,
     options: &OpenOptions,
-) -> Result<Box<dyn Source>, ImportError> {
+) -> Result<Box<dyn Source>> {
     let Walked { file, tiff, reader_bytes, odd, left_out, thumbnails } = Walked::of(tiff, &format, Some(options))?;
     if let Some(problem) = thumbnails.problem(file.pages - left_out.len() as u32) {
         return Err(ImportError::invalid(&file.path, problem));
@@ -49,7 +49,7 @@ pub(super) fn open_pages(
     Ok(Box::new(stack))
 }
 
-pub(super) fn refuse_problem(path: &Path, description: &Description) -> Result<(), ImportError> {
+pub(super) fn refuse_problem(path: &Path, description: &Description) -> Result<()> {
     description.problem.as_ref().map_or(Ok(()), |problem| Err(ImportError::invalid(path, problem)))
 }
 
@@ -76,11 +76,7 @@ impl Walked {
     /// Walks the directories of a file from its first page on, expecting `format`. With `options`, the tags of pages about pixels are checked, unless
     /// the options replace them, and smaller copies and masks of other pages are left out, unless the user's axes cover all pages or the first page
     /// is one: then all are of that kind, or it is meant itself. A page at most half as large as the first is a copy.
-    pub(super) fn of(
-        mut tiff: OpenTiff,
-        format: &PageFormat,
-        options: Option<&OpenOptions>,
-    ) -> Result<Self, ImportError> {
+    pub(super) fn of(mut tiff: OpenTiff, format: &PageFormat, options: Option<&OpenOptions>) -> Result<Self> {
         let path = tiff.path.clone();
         let first = options.map(|options| PageTags::of(&mut tiff, format, options)).transpose()?;
         let leaves_out = options.is_some_and(|options| options.axes.is_none()) && !tiff.is_copy_or_mask()?;
