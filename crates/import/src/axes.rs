@@ -22,6 +22,15 @@ impl Axis {
             Self::X => 'x',
         }
     }
+
+    /// Place among a plane's step, channel and slice.
+    fn place(self) -> usize {
+        match self {
+            Self::T => 0,
+            Self::C => 1,
+            _ => 2,
+        }
+    }
 }
 
 /// Order of an array's axes, slowest first. Each axis occurs at most once, x and y always. A missing axis has size 1.
@@ -127,15 +136,8 @@ impl Sizes {
     }
 
     /// Returns a plane's number along `axes` (of t, c, z), slowest first. A plane is given by its step, channel and slice.
-    pub(crate) fn number_of(self, [t, c, z]: [u32; 3], axes: &[Axis]) -> u64 {
-        axes.iter().fold(0, |number, &axis| {
-            let i = match axis {
-                Axis::T => t,
-                Axis::C => c,
-                _ => z,
-            };
-            number * self.of(axis) as u64 + i as u64
-        })
+    pub(crate) fn number_of(self, plane: [u32; 3], axes: &[Axis]) -> u64 {
+        axes.iter().fold(0, |number, axis| number * self.of(*axis) as u64 + plane[axis.place()] as u64)
     }
 
     /// Returns the plane of a number along `axes` (of t, c, z), slowest first.
@@ -143,12 +145,7 @@ impl Sizes {
         let mut plane = [0; 3];
         for &axis in axes.iter().rev() {
             let size = self.of(axis) as u64;
-            let slot = match axis {
-                Axis::T => 0,
-                Axis::C => 1,
-                _ => 2,
-            };
-            plane[slot] = (number % size) as u32;
+            plane[axis.place()] = (number % size) as u32;
             number /= size;
         }
         plane

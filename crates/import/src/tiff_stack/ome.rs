@@ -8,6 +8,7 @@ mod tests;
 
 use super::description::{Declared, Description, Ome, OmeSays};
 use super::hyperstack::is_length;
+use super::page_map::LISTED;
 use super::xml::{self, Failure, LONGEST_NAME, attribute, decoded, meaning, next_piece, number};
 use crate::axes::Axis;
 use crate::note::Note;
@@ -271,15 +272,10 @@ impl Walk {
             return meaning("has two Pixels in one Image");
         }
         let order = attribute(tag, "DimensionOrder")?.unwrap_or_default();
-        let axis = |letter| match letter {
-            'Z' => Some(Axis::Z),
-            'C' => Some(Axis::C),
-            'T' => Some(Axis::T),
-            _ => None,
-        };
+        let axis = |letter| LISTED.into_iter().find(|axis| axis.letter().to_ascii_uppercase() == letter);
         // Fastest first, always starting with x and y.
         let axes: Option<Vec<Axis>> = order.strip_prefix("XY").and_then(|rest| rest.chars().rev().map(axis).collect());
-        let axes = axes.filter(|axes| axes.len() == 3 && [Axis::T, Axis::C, Axis::Z].iter().all(|a| axes.contains(a)));
+        let axes = axes.filter(|axes| axes.len() == 3 && LISTED.iter().all(|a| axes.contains(a)));
         let Some(axes) = axes else {
             return meaning(format!("has Pixels whose DimensionOrder is '{order}', expected one such as XYZCT"));
         };
