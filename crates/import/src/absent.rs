@@ -1,57 +1,56 @@
 //! Stand-ins for readers left out of this build: they recognise their files, and refuse them.
 
+use crate::error::{ImportError, Result};
+use crate::options::OpenOptions;
+use crate::source::Source;
+use std::path::{Path, PathBuf};
+
 #[cfg(not(feature = "dicom"))]
 pub(crate) mod dicom {
-    use crate::error::ImportError;
-    use crate::options::OpenOptions;
-    use crate::source::Source;
-    use std::path::{Path, PathBuf};
+    use super::*;
 
     fn refuse(path: &Path) -> ImportError {
         ImportError::unsupported_but(path, "DICOM", "this program was built without the feature `dicom`")
     }
 
-    pub(crate) fn open_file(path: &Path, _: &OpenOptions) -> Result<Box<dyn Source>, ImportError> {
+    pub(crate) fn open_file(path: &Path, _: &OpenOptions) -> Result<Box<dyn Source>> {
         Err(refuse(path))
     }
 
-    pub(crate) fn series_of(_: &Path) -> Result<Option<String>, ImportError> {
+    pub(crate) fn series_of(_: &Path) -> Result<Option<String>> {
         Ok(None)
     }
 
-    pub(crate) fn open_series(paths: &[PathBuf], _: bool, _: &OpenOptions) -> Result<Box<dyn Source>, ImportError> {
+    pub(crate) fn open_series(paths: &[PathBuf], _: bool, _: &OpenOptions) -> Result<Box<dyn Source>> {
         Err(refuse(paths.first().map_or(Path::new("input"), PathBuf::as_path)))
     }
 }
 
 #[cfg(not(feature = "tiff"))]
 pub(crate) mod tiff_stack {
-    use crate::error::ImportError;
-    use crate::options::OpenOptions;
-    use crate::source::Source;
-    use std::path::{Path, PathBuf};
+    use super::*;
 
     fn refuse(path: &Path) -> ImportError {
         ImportError::unsupported_but(path, "TIFF", "this program was built without the feature `tiff`")
     }
 
-    pub(crate) fn has_several_planes(path: &Path, _: &OpenOptions) -> Result<bool, ImportError> {
+    pub(crate) fn has_several_planes(path: &Path, _: &OpenOptions) -> Result<bool> {
         Err(refuse(path))
     }
 
-    pub(crate) fn is_whole_set(_: &[PathBuf]) -> Result<bool, ImportError> {
+    pub(crate) fn is_whole_set(_: &[PathBuf]) -> Result<bool> {
         Ok(false)
     }
 
-    pub(crate) fn is_companion(_: &Path) -> Result<bool, ImportError> {
+    pub(crate) fn is_companion(_: &Path) -> Result<bool> {
         Ok(false)
     }
 
-    pub(crate) fn open_file(path: &Path, _: &OpenOptions, _: bool) -> Result<Box<dyn Source>, ImportError> {
+    pub(crate) fn open_file(path: &Path, _: &OpenOptions, _: bool) -> Result<Box<dyn Source>> {
         Err(refuse(path))
     }
 
-    pub(crate) fn open_planes(paths: &[PathBuf], _: &OpenOptions) -> Result<Box<dyn Source>, ImportError> {
+    pub(crate) fn open_planes(paths: &[PathBuf], _: &OpenOptions) -> Result<Box<dyn Source>> {
         Err(refuse(paths.first().map_or(Path::new("input"), PathBuf::as_path)))
     }
 }

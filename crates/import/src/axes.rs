@@ -1,6 +1,7 @@
 //! The order of an array's axes, as letters slowest first (`tczyx`, like the shape in NumPy).
 
 use brickyard_volume::{Extent, counted};
+use std::fmt::Write;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Axis {
@@ -9,6 +10,27 @@ pub(crate) enum Axis {
     Z,
     Y,
     X,
+}
+
+impl Axis {
+    pub(crate) fn letter(self) -> char {
+        match self {
+            Self::T => 't',
+            Self::C => 'c',
+            Self::Z => 'z',
+            Self::Y => 'y',
+            Self::X => 'x',
+        }
+    }
+
+    /// Place among a plane's step, channel and slice.
+    fn place(self) -> usize {
+        match self {
+            Self::T => 0,
+            Self::C => 1,
+            _ => 2,
+        }
+    }
 }
 
 /// Order of an array's axes, slowest first. Each axis occurs at most once, x and y always. A missing axis has size 1.
@@ -57,13 +79,9 @@ impl std::str::FromStr for AxisOrder {
         };
         let mut axes = Vec::new();
         for letter in s.chars() {
-            let axis = match letter.to_ascii_lowercase() {
-                't' => Axis::T,
-                'c' => Axis::C,
-                'z' => Axis::Z,
-                'y' => Axis::Y,
-                'x' => Axis::X,
-                _ => return Err(refuse(format!("'{letter}' is not an axis"))),
+            let Some(axis) = Self::default().0.into_iter().find(|axis| axis.letter() == letter.to_ascii_lowercase())
+            else {
+                return Err(refuse(format!("'{letter}' is not an axis")));
             };
             if axes.contains(&axis) {
                 return Err(refuse(format!("'{letter}' stands twice")));
@@ -79,16 +97,7 @@ impl std::str::FromStr for AxisOrder {
 
 impl std::fmt::Display for AxisOrder {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        for axis in &self.0 {
-            f.write_str(match axis {
-                Axis::T => "t",
-                Axis::C => "c",
-                Axis::Z => "z",
-                Axis::Y => "y",
-                Axis::X => "x",
-            })?;
-        }
-        Ok(())
+        self.0.iter().try_for_each(|axis| f.write_char(axis.letter()))
     }
 }
 
@@ -119,6 +128,27 @@ impl Sizes {
             channels: size(Axis::C),
             times: size(Axis::T),
         }
+    }
+
+    /// Number of planes along z, c and t.
+    pub(crate) fn planes(self) -> u64 {
+        (self.extent.z as u64).saturating_mul(self.channels as u64).saturating_mul(self.times as u64)
+    }
+
+    /// Returns a plane's number along `axes` (of t, c, z), slowest first. A plane is given by its step, channel and slice.
+    pub(crate) fn number_of(self, plane: [u32; 3], axes: &[Axis]) -> u64 {
+        axes.iter().fold(0, |number, axis| number * self.of(*axis) as u64 + plane[axis.place()] as u64)
+    }
+
+    /// Returns the plane of a number along `axes` (of t, c, z), slowest first.
+    pub(crate) fn plane_of(self, mut number: u64, axes: &[Axis]) -> [u32; 3] {
+        let mut plane = [0; 3];
+        for &axis in axes.iter().rev() {
+            let size = self.of(axis) as u64;
+            plane[axis.place()] = (number % size) as u32;
+            number /= size;
+        }
+        plane
     }
 
     /// Returns the array's bytes. The error names a size of 0, or reports an array beyond 2^63 bytes.

@@ -1,7 +1,7 @@
 //! Sources with replaced descriptions.
 
 use crate::error::ImportError;
-use crate::source::{Access, Lent, Source, SourceInfo};
+use crate::source::{Access, Source, SourceInfo, Take};
 use brickyard_volume::VoxelBox;
 use std::ops::Deref;
 
@@ -40,13 +40,7 @@ impl<S: Deref<Target: Source> + Send + Sync> Source for Described<S> {
         self.source.scratch_bytes()
     }
 
-    fn lend(
-        &self,
-        time: u32,
-        channel: u32,
-        region: VoxelBox,
-        take: &mut dyn FnMut(Lent<'_>),
-    ) -> Result<bool, ImportError> {
+    fn lend(&self, time: u32, channel: u32, region: VoxelBox, take: Take<'_>) -> Result<bool, ImportError> {
         self.source.lend(time - self.first, channel, region, take)
     }
 

@@ -25,10 +25,10 @@ mod unknown_tests;
 use crate::axes::Sizes;
 use crate::dicom_files::files_in;
 use crate::element::smallest_type;
-use crate::error::ImportError;
-use crate::files::first_bytes;
+use crate::error::{ImportError, Result};
+use crate::files::{first_bytes, folder_of, name_of};
 use crate::note::Note;
-use crate::options::{Gaps, HeldAs, NoData, OpenOptions};
+use crate::options::{HeldAs, NoData, OpenOptions};
 use crate::placement;
 use crate::raw::identity;
 use crate::source::{Access, Source, SourceInfo};
@@ -38,7 +38,7 @@ use frames::Frames;
 use glam::DVec3;
 use header::Header;
 use pixels::Meaning;
-use stack::{Names, Slice, Spacing, kinds};
+use stack::{Names, Slice, kinds};
 use std::path::{Path, PathBuf};
 
 /// Largest frame decoded in search of the smallest voxel type: there is no memory budget yet.
@@ -52,17 +52,17 @@ pub(crate) struct DicomSeries {
     info: SourceInfo,
     files: Vec<(Header, Frames)>,
     /// Slices, ascending along z.
-    slices: Vec<(Slice, Meaning)>,
+    slices: Vec<Slice>,
     /// Index of the slice at each z; `None` where one is missing, whose voxels are all `blank`.
     places: Vec<Option<usize>>,
     blank: f64,
 }
 
 /// Opens a DICOM file. A single slice is joined by the rest of its series in the folder, as in most programs.
-pub(crate) fn open_file(path: &Path, options: &OpenOptions) -> Result<Box<dyn Source>, ImportError> {
+pub(crate) fn open_file(path: &Path, options: &OpenOptions) -> Result<Box<dyn Source>> {
     let header = Header::read(path)?;
     check_is_image(&header)?;
-    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let folder = folder_of(path);
     if stands_alone(&header) {
         let notes = if options.is_step { Vec::new() } else { others_of_series(&header, folder) };
         return DicomSeries::new(vec![header], options, notes).map(|s| Box::new(s) as _);
@@ -111,7 +111,7 @@ fn is_of_the_file(error: &ImportError) -> bool {
 
 /// Whether a file with an unreadable header may be of the same series: its first bytes contain the series' UID or are deflated, or there is no
 /// UID.
-fn may_be_of(path: &Path, header: &Header) -> Result<bool, ImportError> {
+fn may_be_of(path: &Path, header: &Header) -> Result<bool> {
     let Some(series) = header.text(tags::SERIES_INSTANCE_UID) else { return Ok(true) };
     let start = first_bytes(path, MOST_SEARCHED_BYTES)?;
     // A longer UID starting with this one differs.
@@ -124,9 +124,9 @@ fn may_be_of(path: &Path, header: &Header) -> Result<bool, ImportError> {
 }
 
 /// Returns the series represented by a file, with the other slices in its folder; `None` for a file of several frames.
-pub(crate) fn series_of(path: &Path) -> Result<Option<String>, ImportError> {
+pub(crate) fn series_of(path: &Path) -> Result<Option<String>> {
     let header = Header::read(path)?;
-    Ok((!stands_alone(&header)).then(|| header.series().into_owned()))
+    Ok((!stands_alone(&header)).then(|| header.series()))
 }
 
 /// Whether a file holds more than one slice of its series.
@@ -135,11 +135,7 @@ fn stands_alone(header: &Header) -> bool {
 }
 
 /// Opens DICOM files of one series. Files without an image are skipped in a folder (`is_folder`), and an error in a list.
-pub(crate) fn open_series(
-    paths: &[PathBuf],
-    is_folder: bool,
-    options: &OpenOptions,
-) -> Result<Box<dyn Source>, ImportError> {
+pub(crate) fn open_series(paths: &[PathBuf], is_folder: bool, options: &OpenOptions) -> Result<Box<dyn Source>> {
     let mut headers = Vec::new();
     let mut others = Vec::new();
     for path in paths {
@@ -152,14 +148,9 @@ pub(crate) fn open_series(
         headers.last().into_iter().for_each(|last| header.share_values(last));
         headers.push(header);
     }
-    let notes: Vec<Note> = match others[..] {
-        [] => Vec::new(),
-        [first, ..] => {
-            let note =
-                format!("{} DICOM files without an image, such as {}, are left out.", others.len(), first.display());
-            vec![Note::new(note)]
-        }
-    };
+    let (count, such_as) = (others.len(), others.first().map(|first| first.display()));
+    let left_out =
+        such_as.map(|first| Note::new(format!("{count} DICOM files without an image, such as {first}, are left out.")));
     let Some(first) = headers.first() else {
         let place = paths.first().and_then(|p| p.parent()).unwrap_or(Path::new("input"));
         return Err(ImportError::invalid(place, format!("{} DICOM files, none of them an image", paths.len())));
@@ -175,26 +166,25 @@ pub(crate) fn open_series(
         );
         return Err(ImportError::options(place, problem));
     }
-    DicomSeries::new(headers, options, notes).map(|s| Box::new(s) as _)
+    DicomSeries::new(headers, options, left_out.into_iter().collect()).map(|s| Box::new(s) as _)
 }
 
 fn is_image(header: &Header) -> bool {
     header.number(tags::ROWS).is_some() || header.pixels.is_some()
 }
 
-fn check_is_image(header: &Header) -> Result<(), ImportError> {
+fn check_is_image(header: &Header) -> Result<()> {
     let problem = "a DICOM file without an image: expected pixel data; name the files of an image series";
     is_image(header).then_some(()).ok_or_else(|| ImportError::invalid(&header.path, problem))
 }
 
 fn describe_series(header: &Header, count: usize) -> String {
-    let name = |p: &Path| p.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let what = header.text(tags::SERIES_DESCRIPTION).map_or(String::new(), |d| format!(" \"{d}\""));
-    format!("{}{what} of {count} files, such as {}", header.series(), name(&header.path))
+    format!("{}{what} of {count} files, such as {}", header.series(), name_of(&header.path))
 }
 
 impl DicomSeries {
-    fn new(headers: Vec<Header>, options: &OpenOptions, mut notes: Vec<Note>) -> Result<Self, ImportError> {
+    fn new(headers: Vec<Header>, options: &OpenOptions, mut notes: Vec<Note>) -> Result<Self> {
         let mut files = headers
             .into_iter()
             .map(|header| Frames::find(&header).map(|frames| (header, frames)))
@@ -203,30 +193,12 @@ impl DicomSeries {
         let mut slices = Vec::new();
         for (file, (header, frames)) in files.iter().enumerate() {
             for frame in 0..frames.count() {
-                slices.push((
-                    find_slice((header, frames), file, frame, options)?,
-                    meaning_of(header, frames, frame, options.nodata)?,
-                ));
+                slices.push(find_slice((header, frames), file, frame, options)?);
             }
         }
         let paths: Vec<PathBuf> = files.iter().map(|(header, _)| header.path.clone()).collect();
         let names = Names { paths: &paths, by_frame: files.iter().any(|(_, frames)| frames.count() > 1) };
-        let mut sorted: Vec<Slice> = slices.iter().map(|(slice, _)| slice.clone()).collect();
-        let spacing = match (options.gaps, options.spacing) {
-            (Gaps::Blank, _) => Spacing::WithGaps,
-            (Gaps::Refuse, Some(spacing)) => Spacing::Told(spacing.z),
-            (Gaps::Refuse, None) => Spacing::Even,
-        };
-        let placement = stack::arrange(&mut sorted, &names, spacing)?;
-        let slices: Vec<(Slice, Meaning)> = sorted
-            .into_iter()
-            .map(|slice| {
-                let place = slices.partition_point(|(s, _)| (s.file, s.frame) < (slice.file, slice.frame));
-                let meaning = slices[place].1;
-                (slice, meaning)
-            })
-            .collect();
-
+        let placement = stack::arrange(&mut slices, &names, options)?;
         let mut places = vec![None; placement.levels.last().map_or(0, |level| *level as usize + 1)];
         placement.levels.iter().enumerate().for_each(|(slice, level)| places[*level as usize] = Some(slice));
         let missing = places.iter().filter(|place| place.is_none()).count();
@@ -247,7 +219,7 @@ impl DicomSeries {
         // The title of a later step is not its channel's name.
         let name = look.name.filter(|_| options.held_as.is_none());
         info.channel_looks = vec![ChannelLook { name, ..look }];
-        let padding = slices[0].1.nodata(voxel_type).or_else(|| padding_of_floats(&slices, voxel_type));
+        let padding = slices[0].meaning.nodata(voxel_type).or_else(|| padding_of_floats(&slices, voxel_type));
         info.knows_nodata = options.nodata == NoData::OfFile;
         info.nodata = padding.or((missing > 0 && !voxel_type.is_float()).then_some(blank));
         if info.nodata.is_some() && missing > 0 && options.nodata != NoData::OfFile {
@@ -260,14 +232,10 @@ impl DicomSeries {
         }
         if missing > 0 {
             let are = if missing == 1 { "is" } else { "are" };
-            notes.push(Note::warning(format!(
-                "{} of {} {are} missing; their places hold no data{}.",
-                counted(missing as u64, "slice"),
-                places.len(),
-                info.nodata
-                    .filter(|_| !voxel_type.is_float())
-                    .map_or(String::new(), |value| format!(", marked by the value {value}"))
-            )));
+            let (missing, all) = (counted(missing as u64, "slice"), places.len());
+            let mark = info.nodata.filter(|_| !voxel_type.is_float());
+            let mark = mark.map_or(String::new(), |value| format!(", marked by the value {value}"));
+            notes.push(Note::warning(format!("{missing} of {all} {are} missing; their places hold no data{mark}.")));
         }
         notes.extend(placement.note);
         notes.extend(notes_on_values(&files, &slices, voxel_type));
@@ -292,30 +260,22 @@ fn look_of(header: &Header) -> ChannelLook {
 }
 
 /// Checks that all pictures have one size.
-fn check_sizes(files: &[(Header, Frames)]) -> Result<(), ImportError> {
-    let size = |(_, frames): &(Header, Frames)| {
-        let [columns, rows] = frames.size();
-        (columns, rows)
-    };
-    if let [most, other, ..] = kinds(files, |a, b| size(a) == size(b))[..] {
-        let [a, b] = [other, most].map(|(i, count)| (size(&files[i]), count));
+fn check_sizes(files: &[(Header, Frames)]) -> Result<()> {
+    let size = |(_, frames): &(Header, Frames)| frames.size();
+    if let [(most, many), (other, few), ..] = kinds(files, |a, b| size(a) == size(b))[..] {
+        let ([x, y], [most_x, most_y]) = (size(&files[other]), size(&files[most]));
+        let such_as = files[most].0.path.display();
         let problem = format!(
-            "is {} x {} pixels, as {} files are; {} are {} x {}, such as {}. Name the files of one size",
-            a.0.0,
-            a.0.1,
-            a.1,
-            b.1,
-            b.0.0,
-            b.0.1,
-            files[most.0].0.path.display()
+            "is {x} x {y} pixels, as {few} files are; {many} are {most_x} x {most_y}, such as {such_as}. Name the \
+             files of one size"
         );
-        return Err(ImportError::invalid(&files[other.0].0.path, problem));
+        return Err(ImportError::invalid(&files[other].0.path, problem));
     }
     Ok(())
 }
 
 /// Checks that each frame of a file has a place.
-fn check_frames(header: &Header, count: u64) -> Result<(), ImportError> {
+fn check_frames(header: &Header, count: u64) -> Result<()> {
     let placed = header.placed_frames() as u64;
     if count > 1 && placed == 0 {
         let feature =
@@ -331,12 +291,7 @@ fn check_frames(header: &Header, count: u64) -> Result<(), ImportError> {
     Ok(())
 }
 
-fn find_slice(
-    (header, frames): (&Header, &Frames),
-    file: usize,
-    frame: usize,
-    options: &OpenOptions,
-) -> Result<Slice, ImportError> {
+fn find_slice((header, frames): (&Header, &Frames), file: usize, frame: usize, options: &OpenOptions) -> Result<Slice> {
     let need = |tag, name: &str, count: usize, help: &str| {
         let found = header.numbers(frame, tag);
         found.clone().filter(|numbers| numbers.len() == count).ok_or_else(|| {
@@ -344,10 +299,8 @@ fn find_slice(
                 || header.written(frame, tag).map(|text| format!("'{}'", text.chars().take(80).collect::<String>()));
             let found = found.map(|numbers| format!("{numbers:?}")).or_else(written).unwrap_or_else(|| "none".into());
             let place = if header.placed_frames() > 0 { format!("frame {}: ", frame + 1) } else { String::new() };
-            ImportError::invalid(
-                &header.path,
-                format!("{place}expected {count} numbers of {name} {tag}, found {found}; {help}"),
-            )
+            let problem = format!("{place}expected {count} numbers of {name} {tag}, found {found}; {help}");
+            ImportError::invalid(&header.path, problem)
         })
     };
     let unplaced =
@@ -398,10 +351,11 @@ fn find_slice(
             let mm = header.numbers(frame, tag)?[0];
             (mm > 0.0).then_some((mm, name))
         }),
+        meaning: meaning_of(header, frames, frame, options.nodata)?,
     })
 }
 
-fn meaning_of(header: &Header, frames: &Frames, frame: usize, nodata: NoData) -> Result<Meaning, ImportError> {
+fn meaning_of(header: &Header, frames: &Frames, frame: usize, nodata: NoData) -> Result<Meaning> {
     let first = |tag, name: &str| match (header.numbers(frame, tag), header.written(frame, tag)) {
         (Some(numbers), _) => Ok(Some(numbers[0])),
         (None, Some(text)) => {
@@ -435,8 +389,8 @@ fn meaning_of(header: &Header, frames: &Frames, frame: usize, nodata: NoData) ->
 }
 
 /// The first padding value, which is NaN in float voxels, for comparison with later steps.
-fn padding_of_floats(slices: &[(Slice, Meaning)], voxel_type: VoxelType) -> Option<f64> {
-    let (_, meaning) = slices.iter().find(|(_, meaning)| meaning.padding.is_some())?;
+fn padding_of_floats(slices: &[Slice], voxel_type: VoxelType) -> Option<f64> {
+    let meaning = slices.iter().map(|slice| slice.meaning).find(|meaning| meaning.padding.is_some())?;
     let [least, _] = meaning.padding.filter(|_| voxel_type.is_float())?;
     // Turns -0 into 0.
     Some(f64::from(meaning.value(least) as f32) + 0.0)
@@ -451,25 +405,23 @@ struct Voxels {
 /// Chooses the smallest type for every value, plus an unused one if slices are missing; floats if values are not integers.
 fn voxels_of(
     files: &[(Header, Frames)],
-    slices: &[(Slice, Meaning)],
+    slices: &[Slice],
     are_missing: bool,
     held_as: Option<HeldAs>,
-) -> Result<Voxels, ImportError> {
+) -> Result<Voxels> {
     let floats = Voxels { voxel_type: VoxelType::F32, blank: f64::NAN };
-    if !slices.iter().all(|(_, meaning)| meaning.is_whole()) {
+    if !slices.iter().all(|slice| slice.meaning.is_whole()) {
         return Ok(floats);
     }
     // One integer marks padding in all slices; if it would be a value in some, padding is NaN.
-    let is_padded = slices.iter().any(|(_, m)| m.padding.is_some());
-    if is_padded && slices.iter().any(|(_, m)| *m != slices[0].1) {
+    let first = slices[0].meaning;
+    let is_padded = slices.iter().any(|slice| slice.meaning.padding.is_some());
+    if is_padded && slices.iter().any(|slice| slice.meaning != first) {
         return Ok(floats);
     }
     let voxels = |[least, greatest]: [f64; 2]| {
         // Padding has a value already.
-        let blank = match slices[0].1.padding {
-            Some([padding, _]) => slices[0].1.value(padding),
-            None => least - 1.0,
-        };
+        let blank = first.padding.map_or(least - 1.0, |[padding, _]| first.value(padding));
         // As in the steps before, unless a voxel has that value here.
         let theirs = held_as.and_then(|held| held.nodata).filter(|value| !(least..=greatest).contains(value));
         let blank = if is_padded { blank } else { theirs.unwrap_or(blank) };
@@ -479,17 +431,16 @@ fn voxels_of(
         let voxel_type = theirs.filter(holds).unwrap_or_else(|| smallest_type(least, greatest));
         if voxel_type.is_float() { Voxels { voxel_type, ..floats } } else { Voxels { voxel_type, blank } }
     };
-    let limits = |slice: &Slice, _: &Meaning| Ok(files[slice.file].1.format.limits());
-    let possible = voxels(range_of(slices, limits)?);
+    let possible = voxels(range_of(slices, |slice| Ok(files[slice.file].1.format.limits()))?);
     let is_short = files.iter().all(|(_, frames)| frames.format.width <= 2);
     let is_small = files.iter().all(|(_, frames)| frames.reader_bytes() <= MOST_LOOKED_AT_BYTES);
     if possible.voxel_type.bytes() < 4 || !is_short || !is_small {
         return Ok(possible);
     }
     // Scanners that shift 16 stored bits seldom use them all: decode to avoid doubling the memory.
-    range_of(slices, |slice, meaning| {
+    range_of(slices, |slice| {
         let (header, frames) = &files[slice.file];
-        Ok(frames.read(header, slice.frame)?.range(&frames.format, meaning.padding))
+        Ok(frames.read(header, slice.frame)?.range(&frames.format, slice.meaning.padding))
     })
     .map(voxels)
 }
@@ -497,18 +448,18 @@ fn voxels_of(
 /// Refuses 32-bit numbers needlessly changed as floats: labels, those beside missing slices, and those scaled only by whole numbers.
 fn check_exact(
     files: &[(Header, Frames)],
-    slices: &[(Slice, Meaning)],
+    slices: &[Slice],
     voxel_type: VoxelType,
     are_missing: bool,
     options: &OpenOptions,
-) -> Result<(), ImportError> {
+) -> Result<()> {
     let Some((header, _)) = files.iter().find(|(_, frames)| frames.format.width == 4 && voxel_type.is_float()) else {
         return Ok(());
     };
     let what = match () {
         () if options.are_labels => "a series of 32-bit labels, some of which f32 would merge,",
         () if are_missing => "a 32-bit series with missing slices, which would become f32,",
-        () if !options.allow_lossy && slices.iter().all(|(_, meaning)| meaning.is_whole()) => {
+        () if !options.allow_lossy && slices.iter().all(|slice| slice.meaning.is_whole()) => {
             let problem = "no integer type holds all 32-bit numbers of this series and its padding, and f32 rounds to \
                            24 bits; pass `allow_lossy` to accept rounding";
             return Err(ImportError::options(&header.path, problem));
@@ -519,13 +470,10 @@ fn check_exact(
 }
 
 /// Least and greatest of the rescaled ends of each slice's stored range.
-fn range_of(
-    slices: &[(Slice, Meaning)],
-    stored: impl Fn(&Slice, &Meaning) -> Result<[i64; 2], ImportError>,
-) -> Result<[f64; 2], ImportError> {
+fn range_of(slices: &[Slice], stored: impl Fn(&Slice) -> Result<[i64; 2]>) -> Result<[f64; 2]> {
     let (mut least, mut greatest) = (f64::INFINITY, f64::NEG_INFINITY);
-    for (slice, meaning) in slices {
-        for value in stored(slice, meaning)?.map(|n| meaning.value(n)) {
+    for slice in slices {
+        for value in stored(slice)?.map(|n| slice.meaning.value(n)) {
             least = least.min(value);
             greatest = greatest.max(value);
         }
@@ -533,15 +481,14 @@ fn range_of(
     Ok([least, greatest])
 }
 
-fn notes_on_values(files: &[(Header, Frames)], slices: &[(Slice, Meaning)], voxel_type: VoxelType) -> Vec<Note> {
+fn notes_on_values(files: &[(Header, Frames)], slices: &[Slice], voxel_type: VoxelType) -> Vec<Note> {
     let mut notes = Vec::new();
-    let (_, first) = &slices[0];
-    let scale = |m: &Meaning| (m.slope, m.intercept);
-    if slices.iter().any(|(_, m)| scale(m) != scale(first)) {
+    let first = slices[0].meaning;
+    let Meaning { slope, intercept, .. } = first;
+    if slices.iter().any(|slice| (slice.meaning.slope, slice.meaning.intercept) != (slope, intercept)) {
         let note = format!("Values are scaled and shifted by each slice's own numbers, and held as {voxel_type}.");
         notes.push(Note::new(note));
-    } else if scale(first) != (1.0, 0.0) {
-        let Meaning { slope, intercept, .. } = first;
+    } else if (slope, intercept) != (1.0, 0.0) {
         notes.push(Note::new(format!(
             "Values are scaled by {slope} and shifted by {intercept}, as the header says, and held as {voxel_type}."
         )));
@@ -549,13 +496,14 @@ fn notes_on_values(files: &[(Header, Frames)], slices: &[(Slice, Meaning)], voxe
     if voxel_type.is_float() && files.iter().any(|(_, frames)| frames.format.width == 4) {
         notes.push(Note::warning("32-bit numbers are rounded to the 24 bits of f32."));
     }
-    if let Some([least, greatest]) = slices.iter().find_map(|(_, m)| m.padding) {
+    if let Some([least, greatest]) = slices.iter().find_map(|slice| slice.meaning.padding) {
         let what = match first.nodata(voxel_type) {
             Some(value) => format!("become {value}, which means no data"),
             None if voxel_type.is_float() => "become NaN".into(),
             None => "do not occur".into(),
         };
-        let others = slices.iter().any(|(_, m)| m.padding.is_some_and(|padding| padding != [least, greatest]));
+        let others =
+            slices.iter().filter_map(|slice| slice.meaning.padding).any(|padding| padding != [least, greatest]);
         let others = if others { " (other values in some slices)" } else { "" };
         let note = format!("Stored values {least} to {greatest}{others} are padding: they {what}.");
         notes.push(Note::new(note));
@@ -572,15 +520,15 @@ fn notes_on_values(files: &[(Header, Frames)], slices: &[(Slice, Meaning)], voxe
 }
 
 /// Notes padding values outside the pixels' range.
-fn note_on_padding(files: &[(Header, Frames)], slices: &[(Slice, Meaning)], nodata: NoData) -> Option<Note> {
-    let is_left_out = |(slice, meaning): &&(Slice, Meaning)| {
-        nodata == NoData::OfFile && meaning.padding.is_none() && files[slice.file].0.has_padding()
+fn note_on_padding(files: &[(Header, Frames)], slices: &[Slice], nodata: NoData) -> Option<Note> {
+    let is_left_out = |slice: &&Slice| {
+        nodata == NoData::OfFile && slice.meaning.padding.is_none() && files[slice.file].0.has_padding()
     };
-    let (slice, _) = slices.iter().find(is_left_out)?;
+    let slice = slices.iter().find(is_left_out)?;
     let (header, frames) = &files[slice.file];
     let value = header.number(tags::PIXEL_PADDING_VALUE)?;
     let [least, greatest] = frames.format.limits();
-    let name = header.path.file_name().unwrap_or_default().to_string_lossy();
+    let name = name_of(&header.path);
     Some(Note::warning(format!(
         "The padding value {value} of {name} is outside of its pixels' range, {least} to {greatest}: no voxel is left \
          out."
@@ -615,11 +563,11 @@ impl Source for DicomSeries {
                 fill(plane, voxel_type, self.blank);
                 continue;
             };
-            let (slice, meaning) = &self.slices[slice];
+            let slice = &self.slices[slice];
             let (header, frames) = &self.files[slice.file];
             let samples = frames.read(header, slice.frame)?;
             let region = frames.in_picture(slice.frame, region);
-            samples.deliver(&frames.format, meaning, voxel_type, region, plane);
+            samples.deliver(&frames.format, &slice.meaning, voxel_type, region, plane);
         }
         Ok(())
     }

@@ -1,8 +1,8 @@
 //! DICOM file detection by first bytes, since names are unreliable. Old files, and those sent over networks, have no preamble, and often no
 //! first group.
 
-use crate::error::ImportError;
-use crate::files::{first_bytes, is_file};
+use crate::error::{ImportError, Result};
+use crate::files::{first_bytes, is_file, listed};
 use std::path::{Path, PathBuf};
 
 /// Byte of the mark `DICM`, after a preamble of any content.
@@ -55,12 +55,10 @@ fn is_named_so(path: &Path) -> bool {
 ///
 /// # Errors
 /// If the folder cannot be read, or files that are DICOM's only in name lie beside real ones.
-pub(crate) fn files_in(folder: &Path) -> Result<Vec<PathBuf>, ImportError> {
+pub(crate) fn files_in(folder: &Path) -> Result<Vec<PathBuf>> {
     let (mut paths, mut unknown) = (Vec::new(), None);
-    for entry in std::fs::read_dir(folder).map_err(ImportError::io(folder))? {
-        let path = entry.map_err(ImportError::io(folder))?.path();
-        let hidden = path.file_name().is_some_and(|n| n.to_string_lossy().starts_with('.'));
-        if hidden || !is_file(&path)? {
+    for path in listed(folder)? {
+        if !is_file(&path)? {
             continue;
         }
         match is_dicom(&first_bytes(&path, MAGIC_BYTES)?) {

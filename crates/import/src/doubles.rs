@@ -1,11 +1,12 @@
 //! Duplicates in a list: one file under two names, the halves of one NIfTI image, slices of one DICOM series. Each would become
 //! one of two equal steps. Costs one file-system query per file, and the header of each DICOM file.
 
-use crate::error::ImportError;
+use crate::error::{ImportError, Result};
+use crate::files::folder_of;
 use crate::{dicom, nifti};
 use std::collections::HashMap;
-use std::collections::hash_map::Entry;
-use std::path::{Path, PathBuf};
+use std::hash::Hash;
+use std::path::{Display, Path, PathBuf};
 
 /// Identity of a file or folder under any name.
 #[derive(PartialEq, Eq, Hash)]
@@ -30,12 +31,12 @@ impl FileId {
     }
 
     fn of_parent(path: &Path) -> Self {
-        Self::of(path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new(".")))
+        Self::of(folder_of(path))
     }
 }
 
 /// Refuses a file listed twice, under one name or several. `way_on` is the message's alternative to naming it once.
-pub(crate) fn check_named_once(paths: &[PathBuf], way_on: &str) -> Result<(), ImportError> {
+pub(crate) fn check_named_once(paths: &[PathBuf], way_on: &str) -> Result<()> {
     let mut seen: HashMap<FileId, &Path> = HashMap::new();
     for path in paths {
         if let Some(first) = seen.insert(FileId::of(path), path) {
@@ -47,49 +48,45 @@ pub(crate) fn check_named_once(paths: &[PathBuf], way_on: &str) -> Result<(), Im
 }
 
 /// Refuses both halves of a pair of `.hdr` and `.img`: either stands for the whole image.
-pub(crate) fn check_pairs<'a>(paths: impl IntoIterator<Item = &'a PathBuf>) -> Result<(), ImportError> {
-    let mut seen: HashMap<FileId, &Path> = HashMap::new();
-    for path in paths {
-        match seen.entry(FileId::of(&nifti::pair_of(path).0)) {
-            // A half may be repeated on purpose, as with `--order given`.
-            Entry::Occupied(first) if FileId::of(first.get()) != FileId::of(path) => {
-                let problem = format!(
-                    "is half of the same image as {}: name one of the two, which opens both",
-                    first.get().display()
-                );
-                return Err(ImportError::options(path, problem));
-            }
-            Entry::Occupied(_) => {}
-            Entry::Vacant(place) => _ = place.insert(path),
-        }
-    }
-    Ok(())
+pub(crate) fn check_pairs<'a>(paths: impl IntoIterator<Item = &'a PathBuf>) -> Result<()> {
+    let image = |path: &Path| Some(FileId::of(&nifti::pair_of(path).0));
+    check_apart(paths, image, |first| {
+        format!("is half of the same image as {first}: name one of the two, which opens both")
+    })
 }
 
 /// Refuses several DICOM slices of one series: each stands for the whole series in its folder.
-pub(crate) fn check_series<'a>(paths: impl IntoIterator<Item = &'a PathBuf>) -> Result<(), ImportError> {
-    let mut seen: HashMap<(FileId, String), &Path> = HashMap::new();
+pub(crate) fn check_series<'a>(paths: impl IntoIterator<Item = &'a PathBuf>) -> Result<()> {
+    // Unreadable headers are reported on opening.
+    let series = |path: &Path| Some((FileId::of_parent(path), dicom::series_of(path).ok().flatten()?));
+    check_apart(paths, series, |first| {
+        format!(
+            "is a slice of the same series as {first}, and each stands for the whole series: name one file of a \
+             series, or its folder, for each step"
+        )
+    })
+}
+
+/// Refuses different files with one key; those without any are passed over. The same file may be repeated on purpose, as with
+/// `--order given`.
+fn check_apart<'a, K: Eq + Hash>(
+    paths: impl IntoIterator<Item = &'a PathBuf>,
+    key: impl Fn(&Path) -> Option<K>,
+    problem: impl Fn(Display<'_>) -> String,
+) -> Result<()> {
+    let mut seen: HashMap<K, &Path> = HashMap::new();
     for path in paths {
-        // Unreadable headers are reported on opening.
-        let Ok(Some(series)) = dicom::series_of(path) else { continue };
-        match seen.entry((FileId::of_parent(path), series)) {
-            Entry::Occupied(first) if FileId::of(first.get()) != FileId::of(path) => {
-                let problem = format!(
-                    "is a slice of the same series as {}, and each stands for the whole series: name one file of a \
-                     series, or its folder, for each step",
-                    first.get().display()
-                );
-                return Err(ImportError::options(path, problem));
-            }
-            Entry::Occupied(_) => {}
-            Entry::Vacant(place) => _ = place.insert(path),
+        let Some(key) = key(path) else { continue };
+        let first = *seen.entry(key).or_insert(path);
+        if FileId::of(first) != FileId::of(path) {
+            return Err(ImportError::options(path, problem(first.display())));
         }
     }
     Ok(())
 }
 
 /// Refuses files inside folders of the same list.
-pub(crate) fn check_folders(paths: &[PathBuf]) -> Result<(), ImportError> {
+pub(crate) fn check_folders(paths: &[PathBuf]) -> Result<()> {
     let folders: HashMap<FileId, &Path> =
         paths.iter().filter(|path| path.is_dir()).map(|path| (FileId::of(path), path.as_path())).collect();
     if folders.is_empty() {

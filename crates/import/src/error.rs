@@ -62,6 +62,9 @@ pub enum ImportError {
     },
 }
 
+/// Result of reading an input.
+pub(crate) type Result<T, E = ImportError> = std::result::Result<T, E>;
+
 impl ImportError {
     /// Wraps an I/O error with its file, for `map_err`.
     pub(crate) fn io(path: &Path) -> impl FnOnce(std::io::Error) -> Self + '_ {

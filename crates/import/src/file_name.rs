@@ -30,7 +30,7 @@ pub(crate) struct Number {
     pub(crate) written: Written,
 }
 
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub(crate) struct Written {
     text: String,
     /// Digits before the power of ten.
@@ -60,11 +60,8 @@ impl Number {
 
     /// Whether the number is written as -0, never printed by a program counting below 0.
     pub(crate) fn is_minus_zero(&self) -> bool {
-        self.written.text.starts_with('-') && self.is_plain_zero()
-    }
-
-    fn is_plain_zero(&self) -> bool {
-        self.digits.is_empty() && self.written.fraction.is_none() && !self.written.has_exponent
+        let Written { text, fraction, has_exponent, .. } = &self.written;
+        text.starts_with('-') && self.digits.is_empty() && fraction.is_none() && !has_exponent
     }
 
     /// Whether the number lies between -1 and 1.
@@ -157,15 +154,7 @@ impl Number {
 
 impl Written {
     fn plain(text: &str) -> Self {
-        let length = text.len();
-        Self {
-            text: text.to_owned(),
-            length,
-            fraction: None,
-            is_signed: false,
-            has_exponent: false,
-            is_doubtful: false,
-        }
+        Self { text: text.to_owned(), length: text.len(), ..Self::default() }
     }
 }
 
@@ -214,8 +203,7 @@ pub(crate) fn in_decimals(count: i128, place: i64) -> String {
     format!("{sign}{integer}{point}{fraction}")
 }
 
-/// A name and its numbers. Names are ordered by their texts and numbers in turn.
-#[derive(PartialEq, Eq)]
+/// A name and its numbers.
 pub(crate) struct Name {
     /// Text between the numbers.
     pub(crate) texts: Vec<String>,
@@ -256,20 +244,13 @@ impl Name {
         letters.into_iter().rev().collect::<String>().to_lowercase()
     }
 
-    fn pieces(&self) -> impl Iterator<Item = (&String, Option<&Number>)> {
-        self.texts.iter().zip(self.numbers.iter().map(Some).chain([None]))
-    }
-}
-
-impl Ord for Name {
-    fn cmp(&self, other: &Self) -> Ordering {
+    /// The order of the texts and numbers in turn.
+    pub(crate) fn order(&self, other: &Self) -> Ordering {
         self.pieces().cmp(other.pieces())
     }
-}
 
-impl PartialOrd for Name {
-    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
-        Some(self.cmp(other))
+    fn pieces(&self) -> impl Iterator<Item = (&String, Option<&Number>)> {
+        self.texts.iter().zip(self.numbers.iter().map(Some).chain([None]))
     }
 }
 

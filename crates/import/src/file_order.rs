@@ -7,8 +7,9 @@
 //! A number may have a sign, a fraction or a power of ten (`t_0.25`, `t_0.5`), or two counters may have a point between them (`1.9`,
 //! `1.10`). If these readings give different orders, the numbers' form and even counting decide, or the files are refused.
 
-use crate::error::ImportError;
+use crate::error::{ImportError, Result};
 use crate::file_name::{Name, Number, Reading};
+use crate::files::name_of;
 use crate::numbering;
 use crate::options::FileOrder;
 use std::cmp::Ordering;
@@ -33,7 +34,7 @@ impl FileList {
         paths: &[PathBuf],
         told: Option<FileOrder>,
         are_planes: bool,
-    ) -> Result<Self, ImportError> {
+    ) -> Result<Self> {
         if told == Some(FileOrder::Given) {
             let problem = "`order` given: a folder or a pattern gives no order; name the files";
             return Err(ImportError::options(folder, problem));
@@ -52,7 +53,7 @@ impl FileList {
     ///
     /// # Errors
     /// If files are sorted without `told`, and their numbers do not count them without gaps or can be read in two ways.
-    pub(crate) fn of_list(paths: &[PathBuf], told: Option<FileOrder>, are_planes: bool) -> Result<Self, ImportError> {
+    pub(crate) fn of_list(paths: &[PathBuf], told: Option<FileOrder>, are_planes: bool) -> Result<Self> {
         let list = ByNumbers::of(paths);
         let is_natural = list.paths == paths && list.doubt.is_none();
         let is_alphabetical = paths.is_sorted() || paths.is_sorted_by_key(|path| path.to_string_lossy().to_lowercase());
@@ -60,7 +61,7 @@ impl FileList {
             Some(FileOrder::Natural) => return Ok(list.into()),
             None if is_natural || is_alphabetical => {}
             _ => {
-                let (first, last) = (name(&paths[0]), name(&paths[paths.len() - 1]));
+                let (first, last) = (name_of(&paths[0]), name_of(&paths[paths.len() - 1]));
                 let note = format!("{} files in the order given, from {first} to {last}.", paths.len());
                 return Ok(Self { paths: paths.to_vec(), note });
             }
@@ -97,7 +98,7 @@ impl ByNumbers {
         if names.iter().all(|(name, _)| name.is_plain()) {
             return plain;
         }
-        names.sort();
+        names.sort_by(|(a, first), (b, second)| a.order(b).then_with(|| first.cmp(second)));
         let (names, values): (Vec<Name>, Vec<PathBuf>) =
             names.into_iter().map(|(name, path)| (name, path.clone())).unzip();
         let is_by_values = values != plain.paths;
@@ -114,7 +115,7 @@ impl ByNumbers {
     }
 
     /// Checks that names without a counter have the same order by the alphabet and by their digits, possibly not decimal (`f_09`, `f_0a`).
-    fn check_words(&self) -> Result<(), ImportError> {
+    fn check_words(&self) -> Result<()> {
         let alphabetical = |by: fn(&str) -> String| self.paths.is_sorted_by_key(|path| by(&path.to_string_lossy()));
         if !numbering::are_words(&self.paths, self.reading)
             || alphabetical(str::to_owned)
@@ -122,7 +123,7 @@ impl ByNumbers {
         {
             return Ok(());
         }
-        let (first, last) = (name(&self.paths[0]), name(&self.paths[self.paths.len() - 1]));
+        let (first, last) = (name_of(&self.paths[0]), name_of(&self.paths[self.paths.len() - 1]));
         let problem = format!(
             "no number in the files' names counts them, and their order by digits, from {first} to {last}, differs \
              from the alphabetical one: pass `order` natural for the order by digits, or name the files in their \
@@ -132,13 +133,13 @@ impl ByNumbers {
     }
 
     /// Checks that the numbers can be read in one way, and count the files. `way_on` is advice on giving an order.
-    fn check(&self, are_planes: bool, way_on: &str) -> Result<(), ImportError> {
+    fn check(&self, are_planes: bool, way_on: &str) -> Result<()> {
         let problem = match &self.doubt {
             Some([before, after]) => Err(format!(
                 "the numbers in the files' names can be read in two ways: as decimal numbers, {before} comes before \
                  {after}; as separate whole numbers, after it. Pass `order` natural for decimal numbers, or {way_on}",
-                before = name(before),
-                after = name(after)
+                before = name_of(before),
+                after = name_of(after)
             )),
             None => numbering::check(&self.paths, self.reading, are_planes),
         };
@@ -148,7 +149,7 @@ impl ByNumbers {
 
 impl From<ByNumbers> for FileList {
     fn from(list: ByNumbers) -> Self {
-        let ends = [list.paths.first(), list.paths.last()].map(|path| path.map_or(String::new(), |path| name(path)));
+        let ends = [list.paths.first(), list.paths.last()].map(|path| path.map_or(String::new(), |path| name_of(path)));
         let how = if list.is_by_values { ", by decimal numbers in their names" } else { "" };
         let note = format!("{} files in natural order{how}, from {} to {}.", list.paths.len(), ends[0], ends[1]);
         Self { paths: list.paths, note }
@@ -189,10 +190,6 @@ fn likely(counters: &[PathBuf], values: &[PathBuf], names: &[Name]) -> Option<Re
     // Two numbers are always even; 0.25 and 0.5 are still fractions.
     let are_told = are_even && (values.len() > 2 || varying.iter().all(|number| number.is_below_one()));
     (are_padded || are_printed && are_told).then_some(Reading::Values)
-}
-
-fn name(path: &Path) -> String {
-    path.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }
 
 /// Sorts paths with numbers in names as numbers: `s2` before `s10`.

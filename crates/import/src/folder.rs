@@ -1,44 +1,36 @@
 //! File selection in a folder: those of its one format. Each is a time step, or a slice of a volume.
 
-use crate::error::ImportError;
-use crate::files::is_file;
+use crate::dicom_files;
+use crate::error::{ImportError, Result};
+use crate::files::{is_file, listed, name_of};
+use crate::foreign;
+use crate::format::Format;
 use crate::options::OpenOptions;
-use crate::{dicom_files, foreign};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-
-/// Possible formats of a folder, as named in messages.
-const KINDS: [&str; 5] = ["TIFF", "DICOM", ".npy", "NIfTI", "raw"];
-
-const TIFF: usize = 0;
-const DICOM: usize = 1;
-const NPY: usize = 2;
-const NIFTI: usize = 3;
-const RAW: usize = 4;
 
 /// Lists the input files of a folder, in no order. Raw files do not identify themselves, so they count only with layout options, or
 /// alone. `read` lists the readable formats, for messages.
 ///
 /// # Errors
 /// If the folder cannot be read, has no such files, or has those of several formats.
-pub(crate) fn files_of(folder: &Path, options: &OpenOptions, read: &str) -> Result<Vec<PathBuf>, ImportError> {
+pub(crate) fn files_of(folder: &Path, options: &OpenOptions, read: &str) -> Result<Vec<PathBuf>> {
     let dicom = dicom_files::files_in(folder)?;
-    let mut found: [Vec<PathBuf>; 5] = Default::default();
-    for entry in std::fs::read_dir(folder).map_err(ImportError::io(folder))? {
-        let path = entry.map_err(ImportError::io(folder))?.path();
-        let hidden = path.file_name().is_some_and(|n| n.to_string_lossy().starts_with('.'));
-        let Some(kind) = kind_by_name(&path).filter(|_| !hidden && !dicom.contains(&path)) else { continue };
+    let mut found: BTreeMap<Format, Vec<PathBuf>> = BTreeMap::new();
+    for path in listed(folder)? {
+        let Some(format) = Format::of_name(&path).filter(|_| !dicom.contains(&path)) else { continue };
         if is_file(&path)? {
-            found[kind].push(path);
+            found.entry(format).or_default().push(path);
         }
     }
-    found[DICOM] = dicom;
-    if options.shape.is_none() && found[..RAW].iter().any(|files| !files.is_empty()) {
-        found[RAW].clear();
+    if !dicom.is_empty() {
+        found.insert(Format::Dicom, dicom);
     }
-    let counts: Vec<String> = (0..KINDS.len())
-        .filter(|kind| !found[*kind].is_empty())
-        .map(|kind| format!("{} {}", found[kind].len(), KINDS[kind]))
-        .collect();
+    if options.shape.is_none() && found.len() > 1 {
+        found.remove(&Format::Raw);
+    }
+    let counts: Vec<String> =
+        found.iter().map(|(format, files)| format!("{} {}", files.len(), format.name())).collect();
     match &counts[..] {
         [] => {
             foreign::refuse_folder(folder)?;
@@ -51,7 +43,7 @@ pub(crate) fn files_of(folder: &Path, options: &OpenOptions, read: &str) -> Resu
             };
             Err(ImportError::invalid(folder, problem))
         }
-        [_] => Ok(found.into_iter().flatten().collect()),
+        [_] => Ok(found.into_values().flatten().collect()),
         [first @ .., last] => {
             let list = format!("{} and {last}", first.join(", "));
             let problem =
@@ -62,33 +54,11 @@ pub(crate) fn files_of(folder: &Path, options: &OpenOptions, read: &str) -> Resu
 }
 
 /// Names of a folder's visible subfolders, in order.
-fn folders_in(folder: &Path) -> Result<Vec<String>, ImportError> {
-    let entries = std::fs::read_dir(folder).map_err(ImportError::io(folder))?;
-    let folders = entries.filter_map(Result::ok).filter(|entry| entry.path().is_dir());
-    let mut names: Vec<_> = folders.map(|entry| entry.file_name().to_string_lossy().into_owned()).collect();
-    names.retain(|name| !name.starts_with('.'));
+fn folders_in(folder: &Path) -> Result<Vec<String>> {
+    let folders = listed(folder)?.into_iter().filter(|path| path.is_dir());
+    let mut names: Vec<_> = folders.map(|path| name_of(&path)).collect();
     names.sort();
     Ok(names)
-}
-
-/// Format by the file's name; `None` if unknown, or if the file is the second of a pair.
-fn kind_by_name(path: &Path) -> Option<usize> {
-    let name = path.file_name()?.to_string_lossy().to_ascii_lowercase();
-    let ends = |extensions: &[&str]| extensions.iter().any(|end| name.ends_with(end));
-    if is_tiff_name(path) {
-        return Some(TIFF);
-    }
-    match () {
-        () if ends(&[".npy"]) => Some(NPY),
-        () if ends(&[".nii", ".nii.gz", ".hdr", ".hdr.gz"]) => Some(NIFTI),
-        () if ends(&[".raw", ".bin", ".dat"]) => Some(RAW),
-        () => None,
-    }
-}
-
-pub(crate) fn is_tiff_name(path: &Path) -> bool {
-    let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
-    ["tif", "tiff", "btf", "tf8"].iter().any(|e| extension == *e)
 }
 
 #[cfg(test)]

@@ -1,12 +1,12 @@
 //! Known but unsupported formats: recognised by their first bytes, and named in messages with
 //! advice.
 
-use crate::error::ImportError;
-use std::io::Read;
+use crate::error::{ImportError, Result};
+use crate::files::first_bytes;
 use std::path::Path;
 
 /// Bytes examined by [`refuse`].
-const LOOKED_AT: u64 = 1024;
+const LOOKED_AT: usize = 1024;
 
 const CONVERT: &str = "convert it to NIfTI, TIFF, .npy or raw, as 3D Slicer, ITK or Fiji do";
 const RAW: &str = "pass its raw file with `shape` and `voxel_type`";
@@ -66,10 +66,8 @@ const NAMES: &[(&str, &str)] = &[
 ];
 
 /// Refuses a file of a known but unsupported format. `name` is the file's name in lower case.
-pub(crate) fn refuse(path: &Path, name: &str) -> Result<(), ImportError> {
-    let mut start = Vec::new();
-    let file = std::fs::File::open(path).map_err(ImportError::io(path))?;
-    file.take(LOOKED_AT).read_to_end(&mut start).map_err(ImportError::io(path))?;
+pub(crate) fn refuse(path: &Path, name: &str) -> Result<()> {
+    let start = first_bytes(path, LOOKED_AT)?;
     let by_name = NAMES.iter().find(|(end, _)| name.ends_with(end)).map(|(_, what)| (*what, CONVERT));
     let has = |at: usize, magic: &[u8]| start.get(at..).is_some_and(|bytes| without_prolog(bytes).starts_with(magic));
     let by_magic = MAGICS.iter().find(|(at, magic, ..)| has(*at, magic)).map(|(.., what, advice)| (*what, *advice));
@@ -93,7 +91,7 @@ fn without_prolog(text: &[u8]) -> &[u8] {
 }
 
 /// Refuses a folder of a known but unsupported format: Zarr.
-pub(crate) fn refuse_folder(folder: &Path) -> Result<(), ImportError> {
+pub(crate) fn refuse_folder(folder: &Path) -> Result<()> {
     let zarr = ["zarr.json", ".zgroup", ".zarray", ".zattrs"];
     let advice = "export it to .npy or TIFF, or render it where brickyard packed it";
     match zarr.iter().any(|name| folder.join(name).is_file()) {

@@ -26,6 +26,7 @@ mod file_order;
 mod files;
 mod folder;
 mod foreign;
+mod format;
 mod gzip;
 mod losses;
 mod mapped;

@@ -3,7 +3,8 @@
 //! Only inputs with possible losses are read for it: 64-bit ones, and those whose scaled numbers may leave f32.
 
 use crate::element::{Decode, Element, Endian, Scale};
-use crate::error::ImportError;
+use crate::error::{ImportError, Result};
+use crate::files::name_of;
 use crate::note::Note;
 use crate::options::{NoData, OpenOptions};
 use brickyard_volume::{VoxelType, with_voxel_type};
@@ -120,7 +121,7 @@ impl<'a> Losses<'a> {
     }
 
     /// Counts contiguous stored numbers and the lost ones among them. If losses are not allowed, the first one is an error.
-    pub(crate) fn see(&mut self, bytes: &[u8]) -> Result<(), ImportError> {
+    pub(crate) fn see(&mut self, bytes: &[u8]) -> Result<()> {
         let (slope, intercept) = self.decode.scale.map_or((1.0, 0.0), |s| (s.slope, s.intercept));
         macro_rules! each {
             ($t:ty, $n:ident => $fate:expr, $value:expr) => {{
@@ -163,7 +164,7 @@ impl<'a> Losses<'a> {
 
     /// Returns the fate of a 64-bit float. A no-data number becomes NaN or infinite, which is no loss; no other number may become equal to its
     /// f32.
-    fn fate_of_f64(&self, number: f64, value: f64) -> Result<Fate, ImportError> {
+    fn fate_of_f64(&self, number: f64, value: f64) -> Result<Fate> {
         let (fate, held) = (Fate::of_float(number, value, true), value as f32);
         let Some(nodata) = self.nodata else { return Ok(fate) };
         let narrowed = nodata as f32;
@@ -186,7 +187,7 @@ impl<'a> Losses<'a> {
         ImportError::options(self.path, problem)
     }
 
-    fn lose(&mut self, fate: Fate, number: &dyn std::fmt::Debug, value: f64) -> Result<(), ImportError> {
+    fn lose(&mut self, fate: Fate, number: &dyn std::fmt::Debug, value: f64) -> Result<()> {
         let voxel_type = self.decode().voxel_type();
         let (least, greatest) = voxel_type.limits();
         let becomes = |nodata: f64| value == nodata || value.clamp(least, greatest) == nodata;
@@ -200,12 +201,9 @@ impl<'a> Losses<'a> {
                     .into(),
                 false => format!("pass `allow_lossy` to have such values {}", self.what_becomes_of(fate)),
             };
-            let problem = format!(
-                "voxels are {}, of which {:?} cannot be held as it is in {}; {advice}",
-                self.decode.element.name(),
-                number,
-                self.decode.voxel_type(),
-            );
+            let (name, held_as) = (self.decode.element.name(), self.decode.voxel_type());
+            let problem =
+                format!("voxels are {name}, of which {number:?} cannot be held as it is in {held_as}; {advice}");
             return Err(ImportError::options(self.path, problem));
         }
         match fate {
@@ -235,14 +233,13 @@ impl<'a> Losses<'a> {
         let Some(example) = &self.example else {
             return Note::new(format!("Voxels are {from} and are held as {to}: no value is changed."));
         };
-        let mut name = self.first_path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let mut name = name_of(self.first_path);
         if self.files_before > 0 {
             name += &format!(" and {} files more", self.files_before);
         }
+        let (count, lost) = (self.count, lost.join(", "));
         Note::warning(format!(
-            "Voxels are {from} and are held as {to}: of {} values in {name}, {} (such as {example}).",
-            self.count,
-            lost.join(", ")
+            "Voxels are {from} and are held as {to}: of {count} values in {name}, {lost} (such as {example})."
         ))
     }
 }

@@ -1,6 +1,6 @@
 //! A file read through a map, with checks of its bytes' validity.
 
-use crate::error::ImportError;
+use crate::error::{ImportError, Result};
 use crate::stamp::Stamp;
 use brickyard_filemap::GuardedMap;
 use std::fs::File;
@@ -9,14 +9,14 @@ use std::path::{Path, PathBuf};
 
 /// A memory-mapped file. Bytes lost by the file read as zeros, so call [`MappedFile::confirm`] after every read.
 pub(crate) struct MappedFile {
-    path: PathBuf,
+    pub(crate) path: PathBuf,
     map: GuardedMap,
-    /// `None` for a scratch file without a name, which nobody else can change.
-    stamp: Option<Stamp>,
+    /// The file's stamp when it was opened; `None` for a scratch file without a name, which nobody else can change.
+    pub(crate) stamp: Option<Stamp>,
 }
 
 impl MappedFile {
-    pub(crate) fn open(path: &Path) -> Result<Self, ImportError> {
+    pub(crate) fn open(path: &Path) -> Result<Self> {
         let file = File::open(path).map_err(ImportError::io(path))?;
         // The stamp before the map, so that changes between the two are noticed.
         let stamp = Stamp::in_metadata(&file.metadata().map_err(ImportError::io(path))?);
@@ -25,14 +25,9 @@ impl MappedFile {
     }
 
     /// Maps an unnamed scratch file. `path` is its original, for messages.
-    pub(crate) fn of_scratch(path: &Path, scratch: &File) -> Result<Self, ImportError> {
+    pub(crate) fn of_scratch(path: &Path, scratch: &File) -> Result<Self> {
         let map = GuardedMap::new(scratch).map_err(ImportError::io(path))?;
         Ok(Self { path: path.to_owned(), map, stamp: None })
-    }
-
-    /// The file's stamp when it was opened; `None` for a scratch file.
-    pub(crate) fn stamp(&self) -> Option<Stamp> {
-        self.stamp
     }
 
     /// Bytes of scratch space: none, unless this is a scratch file.
@@ -40,15 +35,11 @@ impl MappedFile {
         if self.stamp.is_some() { 0 } else { self.map.len() as u64 }
     }
 
-    pub(crate) fn path(&self) -> &Path {
-        &self.path
-    }
-
     /// Checks that the bytes read so far are the file's.
     ///
     /// # Errors
     /// If the file has changed since it was opened, or its disk could not read all the requested bytes.
-    pub(crate) fn confirm(&self) -> Result<(), ImportError> {
+    pub(crate) fn confirm(&self) -> Result<()> {
         // A file cut short within a page reads as zeros to that page's end, without a fault.
         self.stamp.map_or(Ok(()), |stamp| stamp.check(&self.path))?;
         if self.map.lost() {

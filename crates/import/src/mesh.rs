@@ -9,7 +9,7 @@ mod obj;
 mod ply;
 mod stl;
 
-use crate::error::ImportError;
+use crate::error::{ImportError, Result};
 use brickyard_volume::mesh::PLAIN_COLOR;
 use brickyard_volume::{Mesh, MeshError};
 use std::path::Path;
@@ -24,7 +24,7 @@ const BYTE_ORDER_MARK: &[u8] = "\u{feff}".as_bytes();
 /// names a vertex that does not exist, or a vertex is not finite.
 pub fn read_mesh(path: &Path) -> Result<Mesh, ImportError> {
     let extension = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
-    let read: fn(&Path, Vec<u8>) -> Result<Parts, ImportError> = match extension.as_str() {
+    let read: fn(&Path, Vec<u8>) -> Result<Parts> = match extension.as_str() {
         "stl" => stl::read,
         "ply" => ply::read,
         "obj" => obj::read,
@@ -42,7 +42,7 @@ pub fn read_mesh(path: &Path) -> Result<Mesh, ImportError> {
 }
 
 /// Reads a regular file. Devices and pipes are refused: their end cannot be known beforehand.
-fn read_file(path: &Path) -> Result<Vec<u8>, ImportError> {
+fn read_file(path: &Path) -> Result<Vec<u8>> {
     if !std::fs::metadata(path).map_err(ImportError::io(path))?.is_file() {
         return Err(ImportError::invalid(path, "expected a regular file"));
     }

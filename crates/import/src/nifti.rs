@@ -8,7 +8,7 @@ mod placement;
 
 use crate::axes::Sizes;
 use crate::element::{Decode, Element, Scale};
-use crate::error::ImportError;
+use crate::error::{ImportError, Result};
 use crate::gzip::GzipMembers;
 use crate::losses::Losses;
 use crate::mapped::MappedFile;
@@ -29,7 +29,7 @@ use std::path::{Path, PathBuf};
 const LEAST_GZIP_BYTES: u64 = 20;
 
 /// Opens a NIfTI file, or a pair of `.hdr` and `.img` by either name.
-pub(crate) fn open(path: &Path, options: &OpenOptions) -> Result<RawSource, ImportError> {
+pub(crate) fn open(path: &Path, options: &OpenOptions) -> Result<RawSource> {
     let found = Found::read(path)?;
     let expected = found.bytes()?;
     let (file, trailing) = match Stream::open(&found.body_path)? {
@@ -37,26 +37,26 @@ pub(crate) fn open(path: &Path, options: &OpenOptions) -> Result<RawSource, Impo
             let file = MappedFile::open(&found.body_path)?;
             let length = file.len() as u64;
             if length < expected {
-                let problem = cut_short(&found.array, expected, length);
+                let problem = cut_short(&found.header.array, expected, length);
                 return Err(ImportError::invalid(&found.body_path, problem));
             }
             (file, length - expected)
         }
         Stream::Gzip(stream) => {
-            let (scratch, trailing) = inflate(stream, &found.body_path, &found.array, expected, options)?;
+            let (scratch, trailing) = inflate(stream, &found.body_path, &found.header.array, expected, options)?;
             (MappedFile::of_scratch(&found.body_path, &scratch)?, trailing)
         }
     };
     let info = found.info(trailing)?;
-    RawSource::new(file, found.array, info)?.with_losses(None, options)
+    RawSource::new(file, found.header.array, info)?.with_losses(None, options)
 }
 
 /// Examines a NIfTI file or pair without keeping it open. A compressed one is inflated if its last bytes do not confirm its header's size, or
 /// all its values have to be checked.
-pub(crate) fn check(path: &Path, options: &OpenOptions) -> Result<StepFile, ImportError> {
+pub(crate) fn check(path: &Path, options: &OpenOptions) -> Result<StepFile> {
     let found = Found::read(path)?;
     let expected = found.bytes()?;
-    let is_seen = found.is_compressed && Losses::may_occur(path, found.array.decode, None, options).is_none();
+    let is_seen = found.is_compressed && Losses::may_occur(path, found.header.array.decode, None, options).is_none();
     if is_seen && inflated_bytes(&found.body_path)? == Some(expected as u32) {
         let info = found.info(0)?;
         let (access, step_time) = (Access::Box, StepTime::default());
@@ -67,7 +67,6 @@ pub(crate) fn check(path: &Path, options: &OpenOptions) -> Result<StepFile, Impo
 
 struct Found {
     header: Header,
-    array: ArrayLayout,
     header_path: PathBuf,
     body_path: PathBuf,
     /// States of the header's and the body's file when the header was read.
@@ -76,36 +75,32 @@ struct Found {
 }
 
 impl Found {
-    fn read(path: &Path) -> Result<Self, ImportError> {
+    fn read(path: &Path) -> Result<Self> {
         let (header_path, pair_body) = pair_of(path);
         let stamp = Stamp::of(&header_path)?;
         let header = Header::read(&mut Stream::open(&header_path)?, &header_path)?;
         let body_path = if header.single_file { header_path.clone() } else { pair_body };
         let stamps = [stamp, Stamp::of(&body_path)?];
-        let array = ArrayLayout {
-            sizes: Sizes { extent: header.extent, channels: header.channels, times: header.times },
-            axes: header.axes(),
-            decode: Decode { element: header.element, endian: header.endian, scale: header.scale },
-            offset: header.body_offset,
-        };
         let is_compressed = matches!(Stream::open(&body_path)?, Stream::Gzip(_));
-        Ok(Self { header, array, header_path, body_path, stamps, is_compressed })
+        Ok(Self { header, header_path, body_path, stamps, is_compressed })
     }
 
     /// Bytes up to the last voxel, inflated.
-    fn bytes(&self) -> Result<u64, ImportError> {
-        let body = self.array.body_bytes().map_err(|problem| ImportError::invalid(&self.header_path, problem))?;
-        Ok(body.saturating_add(self.array.offset))
+    fn bytes(&self) -> Result<u64> {
+        let body =
+            self.header.array.body_bytes().map_err(|problem| ImportError::invalid(&self.header_path, problem))?;
+        Ok(body.saturating_add(self.header.array.offset))
     }
 
     /// Describes the volume, with `trailing` bytes after its voxels.
     ///
     /// # Errors
     /// If one of the files has changed meanwhile.
-    fn info(&self, trailing: u64) -> Result<SourceInfo, ImportError> {
+    fn info(&self, trailing: u64) -> Result<SourceInfo> {
         let mut notes = Vec::new();
-        if let Some(Scale { slope, intercept, to }) = self.header.scale {
-            let is_long = matches!(self.header.element, Element::Voxel(VoxelType::I32 | VoxelType::U32));
+        let Decode { element, scale, .. } = self.header.array.decode;
+        if let Some(Scale { slope, intercept, to }) = scale {
+            let is_long = matches!(element, Element::Voxel(VoxelType::I32 | VoxelType::U32));
             let scaled = format!(
                 "Values are scaled by {slope} and shifted by {intercept}, as the header says, and held as {to}"
             );
@@ -123,9 +118,9 @@ impl Found {
             notes.push(Note::warning(format!("{trailing} bytes after the voxels are ignored.")));
         }
         let identity = identity("nifti", &[&self.header_path, &self.body_path])?;
-        let mut info = SourceInfo { identity, ..self.array.info() };
-        placement::place(&self.header, &mut info, &mut notes);
-        placement::set_time(&self.header, &mut info, &mut notes);
+        let mut info = SourceInfo { identity, ..self.header.array.info() };
+        placement::place(&self.header.fields, &mut info, &mut notes);
+        placement::set_time(&self.header.fields, &mut info, &mut notes);
         info.notes = notes;
         // Header and body were opened one after the other, and inflating takes its time.
         self.stamps[0].check(&self.header_path)?;
@@ -135,7 +130,7 @@ impl Found {
 }
 
 /// Inflated size stored in a gzip file's last member, modulo 2^32. `None` if the file is too short.
-fn inflated_bytes(path: &Path) -> Result<Option<u32>, ImportError> {
+fn inflated_bytes(path: &Path) -> Result<Option<u32>> {
     let mut file = File::open(path).map_err(ImportError::io(path))?;
     if file.metadata().map_err(ImportError::io(path))?.len() < LEAST_GZIP_BYTES {
         return Ok(None);
@@ -171,7 +166,7 @@ enum Stream {
 }
 
 impl Stream {
-    fn open(path: &Path) -> Result<Self, ImportError> {
+    fn open(path: &Path) -> Result<Self> {
         use std::io::BufRead;
         let file = File::open(path).map_err(ImportError::io(path))?;
         let mut file = BufReader::with_capacity(1 << 18, file);
@@ -196,7 +191,7 @@ fn inflate(
     array: &ArrayLayout,
     expected: u64,
     options: &OpenOptions,
-) -> Result<(File, u64), ImportError> {
+) -> Result<(File, u64)> {
     let directory = options.scratch_dir.clone().unwrap_or_else(std::env::temp_dir);
     check_space(&directory, expected)?;
     let scratch = tempfile::tempfile_in(&directory).map_err(ImportError::scratch(&directory))?;
@@ -229,14 +224,13 @@ fn inflate(
 
 /// Refuses in advance to fill the disk.
 #[cfg(unix)]
-fn check_space(directory: &Path, needed: u64) -> Result<(), ImportError> {
+fn check_space(directory: &Path, needed: u64) -> Result<()> {
     let stat = rustix::fs::statvfs(directory).map_err(|e| ImportError::scratch(directory)(e.into()))?;
     let free = stat.f_bavail.saturating_mul(stat.f_frsize);
     if free < needed {
+        let [needed, free] = [needed, free].map(human_bytes);
         let problem = format!(
-            "{} of scratch space needed to inflate the input, {} free; choose another place with `scratch_dir`",
-            human_bytes(needed),
-            human_bytes(free)
+            "{needed} of scratch space needed to inflate the input, {free} free; choose another place with `scratch_dir`"
         );
         return Err(ImportError::options(directory, problem));
     }
@@ -244,18 +238,16 @@ fn check_space(directory: &Path, needed: u64) -> Result<(), ImportError> {
 }
 
 #[cfg(not(unix))]
-fn check_space(_directory: &Path, _needed: u64) -> Result<(), ImportError> {
+fn check_space(_directory: &Path, _needed: u64) -> Result<()> {
     Ok(())
 }
 
 fn cut_short(array: &ArrayLayout, expected: u64, found: u64) -> String {
     let Sizes { extent, channels, times } = array.sizes;
+    let (name, offset, missing) = (array.decode.element.name(), array.offset, expected - found);
     format!(
-        "cut short: the header implies {expected} bytes ({extent} {}, {channels} channels, {times} time steps, from byte {}), \
-         found {found} ({} missing)",
-        array.decode.element.name(),
-        array.offset,
-        expected - found
+        "cut short: the header implies {expected} bytes ({extent} {name}, {channels} channels, {times} time steps, from \
+         byte {offset}), found {found} ({missing} missing)"
     )
 }
 

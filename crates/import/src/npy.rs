@@ -4,7 +4,7 @@
 
 use crate::axes::{AxisOrder, Sizes};
 use crate::element::{Decode, Element, Endian};
-use crate::error::ImportError;
+use crate::error::{ImportError, Result};
 use crate::mapped::MappedFile;
 use crate::note::Note;
 use crate::options::OpenOptions;
@@ -23,7 +23,7 @@ pub(crate) const MAGIC: &[u8] = b"\x93NUMPY";
 const LONGEST_HEADER: usize = 65536;
 
 /// Opens a `.npy` file of 2 to 5 dimensions.
-pub(crate) fn open(path: &Path, options: &OpenOptions) -> Result<RawSource, ImportError> {
+pub(crate) fn open(path: &Path, options: &OpenOptions) -> Result<RawSource> {
     let file = MappedFile::open(path)?;
     let header = Header::read(&mut &file[..], path)?;
     if !(2..=5).contains(&header.shape.len()) {
@@ -42,11 +42,9 @@ pub(crate) fn open(path: &Path, options: &OpenOptions) -> Result<RawSource, Impo
     let expected = body.saturating_add(header.body_offset);
     let found = file.len() as u64;
     if found < expected {
+        let (shape, name, missing) = (header.shape, header.element.name(), expected - found);
         let problem = format!(
-            "cut short: expected {expected} bytes for shape {:?} of {}, found {found} ({} missing)",
-            header.shape,
-            header.element.name(),
-            expected - found
+            "cut short: expected {expected} bytes for shape {shape:?} of {name}, found {found} ({missing} missing)"
         );
         return Err(ImportError::invalid(path, problem));
     }
@@ -91,7 +89,7 @@ struct Header {
 }
 
 impl Header {
-    fn read(file: &mut impl Read, path: &Path) -> Result<Self, ImportError> {
+    fn read(file: &mut impl Read, path: &Path) -> Result<Self> {
         let invalid = |problem: &str| ImportError::invalid(path, problem);
         let mut start = [0; 8];
         file.read_exact(&mut start).map_err(|_| invalid("not a .npy file: shorter than its header"))?;
@@ -115,7 +113,7 @@ impl Header {
         Self::parse(&text, (8 + length_bytes + length) as u64, path)
     }
 
-    fn parse(text: &str, body_offset: u64, path: &Path) -> Result<Self, ImportError> {
+    fn parse(text: &str, body_offset: u64, path: &Path) -> Result<Self> {
         let lacks = |key| ImportError::invalid(path, format!("header without a valid '{key}': {}", text.trim()));
         let descr = value_of(text, "descr").and_then(quoted);
         if descr.is_none() && value_of(text, "descr").is_some_and(|v| v.starts_with('[')) {

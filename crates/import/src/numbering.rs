@@ -2,8 +2,9 @@
 //! planes of different things, and a missing file would shift all later ones.
 
 use crate::file_name::{Name, Number, Reading, in_decimals};
+use crate::files::name_of;
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// Most digits of a counter; longer runs are stamps or hashes.
 const LONGEST_NUMBER: usize = 18;
@@ -35,12 +36,11 @@ pub(crate) fn check(paths: &[PathBuf], reading: Reading, are_planes: bool) -> Re
         (rising, _) if rising.iter().any(|numbers| are_powers(numbers)) => Ok(()),
         (rising, _) => {
             let counts: Vec<Count> = rising.iter().filter_map(|numbers| Count::of(numbers)).collect();
-            if counts.iter().any(|count| count.gap().is_none()) {
+            if counts.iter().any(|count| count.gap(paths).is_none()) {
                 return Ok(());
             }
             let closest = counts.iter().min_by(|a, b| a.span().total_cmp(&b.span()));
-            let gap = closest.and_then(|count| count.gap().map(|gap| gap.describe(count, paths)));
-            Err(gap.unwrap_or_else(|| far_apart(rising[0])))
+            Err(closest.and_then(|count| count.gap(paths)).unwrap_or_else(|| far_apart(rising[0])))
         }
     }
 }
@@ -108,45 +108,28 @@ impl Count {
     fn show(&self, value: i128) -> String {
         in_decimals(value, self.place)
     }
-}
 
-/// The first uneven step of rising numbers.
-struct Gap {
-    /// Index of the first file after it.
-    at: usize,
-    /// The most common step.
-    step: i128,
-}
-
-impl Count {
-    fn gap(&self) -> Option<Gap> {
+    /// Describes the first uneven step of rising numbers; `None` if all are even.
+    fn gap(&self, paths: &[PathBuf]) -> Option<String> {
         let mut steps: BTreeMap<i128, usize> = BTreeMap::new();
         self.values.windows(2).for_each(|pair| *steps.entry(pair[1] - pair[0]).or_default() += 1);
         // The most frequent step, and the smallest of equally frequent ones.
-        let (step, _) = steps.iter().rev().max_by_key(|(step, count)| (**count, std::cmp::Reverse(**step)))?;
-        let at = self.values.windows(2).position(|pair| pair[1] - pair[0] != *step)? + 1;
-        Some(Gap { at, step: *step })
-    }
-}
-
-impl Gap {
-    fn describe(&self, count: &Count, paths: &[PathBuf]) -> String {
-        let between = |pair: &[i128]| std::iter::successors(Some(pair[0]), |n| n.checked_add(self.step)).skip(1);
-        let missing = count.values.windows(2).flat_map(|pair| between(pair).take_while(|n| *n < pair[1]));
-        let shown: Vec<String> = missing.clone().take(MOST_SHOWN).map(|n| count.show(n)).collect();
+        let (&step, _) = steps.iter().rev().max_by_key(|(step, count)| (**count, std::cmp::Reverse(**step)))?;
+        let at = self.values.windows(2).position(|pair| pair[1] - pair[0] != step)?;
+        let between = |pair: &[i128]| std::iter::successors(Some(pair[0]), |n| n.checked_add(step)).skip(1);
+        let missing = self.values.windows(2).flat_map(|pair| between(pair).take_while(|n| *n < pair[1]));
+        let shown: Vec<String> = missing.clone().take(MOST_SHOWN).map(|n| self.show(n)).collect();
         let more = if missing.clone().nth(MOST_SHOWN).is_some() { ", ..." } else { "" };
-        let (before, after) = (name(&paths[self.at - 1]), name(&paths[self.at]));
         let lack = match shown.is_empty() {
             true => String::new(),
             false => format!(", without {}{more}", shown.join(", ")),
         };
-        format!(
-            "the numbers in the files' names go from {} to {} in steps of {}{lack}: {after} follows {before}. Add the \
-             missing files, or pass `order` natural to take the others one after another",
-            count.show(count.values[0]),
-            count.show(count.values[count.values.len() - 1]),
-            count.show(self.step)
-        )
+        let (before, after) = (name_of(&paths[at]), name_of(&paths[at + 1]));
+        let [first, last, step] = [self.values[0], self.values[self.values.len() - 1], step].map(|n| self.show(n));
+        Some(format!(
+            "the numbers in the files' names go from {first} to {last} in steps of {step}{lack}: {after} follows \
+             {before}. Add the missing files, or pass `order` natural to take the others one after another"
+        ))
     }
 }
 
@@ -156,7 +139,7 @@ fn several_kinds(paths: &[PathBuf], names: &[Name], kinds: usize) -> String {
     for (path, of) in paths.iter().zip(names) {
         if shown.len() < MOST_SHOWN && !seen.contains(&&of.texts[..]) {
             seen.push(&of.texts);
-            shown.push(name(path));
+            shown.push(name_of(path));
         }
     }
     let more = if kinds > shown.len() { ", ..." } else { "" };
@@ -179,7 +162,7 @@ fn several_counters(paths: &[PathBuf], first: &Name, counters: &[(usize, Vec<&Nu
     let found: Vec<String> = counters.iter().map(describe).collect();
     let axes = if are_planes { axes_of(first, counters, paths.len()) } else { None };
     let as_axes = axes.map_or(String::new(), |axes| format!("pass `order` natural {axes} to read them so, or "));
-    let [a, b] = [&paths[0], &paths[1]].map(|path| name(path));
+    let [a, b] = [&paths[0], &paths[1]].map(|path| name_of(path));
     format!(
         "the files' names hold more than one counter: {}, as in {a}, {b}; {as_axes}name the files of one volume, or \
          pass `order` natural to take all one after another",
@@ -212,14 +195,10 @@ fn axes_of(first: &Name, counters: &[(usize, Vec<&Number>)], files: usize) -> Op
 
 fn same_number(paths: &[PathBuf], names: &[Name]) -> String {
     let at = names.windows(2).position(|pair| pair[0].numbers == pair[1].numbers).unwrap_or(0);
-    let [a, b] = [at, at + 1].map(|i| name(&paths[i]));
+    let [a, b] = [at, at + 1].map(|i| name_of(&paths[i]));
     format!(
         "{a} and {b} have the same number: name one of them, or pass `order` natural to take both, one after the other"
     )
-}
-
-fn name(path: &Path) -> String {
-    path.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }
 
 #[cfg(test)]

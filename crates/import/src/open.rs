@@ -4,10 +4,11 @@ use crate::described::Described;
 use crate::dicom_files::{MAGIC_BYTES, is_dicom};
 use crate::doubles::{check_folders, check_named_once, check_pairs, check_series};
 use crate::element::Endian;
-use crate::error::ImportError;
+use crate::error::{ImportError, Result};
 use crate::file_order::{FileList, in_natural_order};
-use crate::files::first_bytes;
-use crate::folder::{files_of, is_tiff_name};
+use crate::files::{first_bytes, name_of};
+use crate::folder::files_of;
+use crate::format::Format;
 use crate::note::Note;
 use crate::options::{FileOrder, Gaps, NoData, OpenOptions};
 use crate::pattern;
@@ -16,29 +17,7 @@ use crate::series::{Series, StepFile};
 use crate::source::{Source, SourceInfo};
 use crate::time::override_time;
 use crate::{dicom, foreign, nifti, npy, tiff_stack};
-use brickyard_volume::VoxelType;
 use std::path::{Path, PathBuf};
-
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum Format {
-    Raw,
-    Npy,
-    Nifti,
-    Tiff,
-    Dicom,
-}
-
-impl Format {
-    fn of_file(self) -> &'static str {
-        match self {
-            Self::Raw => "a raw file",
-            Self::Npy => "a .npy file",
-            Self::Nifti => "a NIfTI file",
-            Self::Tiff => "a TIFF file",
-            Self::Dicom => "DICOM",
-        }
-    }
-}
 
 /// Readable formats and their names, for the message about an unknown one.
 const READ: &str = "raw (.raw, .bin, .dat, or any file with `shape` and `voxel_type`), NumPy .npy, NIfTI (.nii, .nii.gz, \
@@ -61,11 +40,8 @@ pub fn open(inputs: &[PathBuf], options: &OpenOptions) -> Result<Box<dyn Source>
         [one] => pattern::expand(one)?.map_or_else(|| (vec![one.clone()], false, false), |files| (files, false, true)),
         files => (files.to_vec(), false, false),
     };
-    let order = match options.order {
-        // The given order is that of the steps, not of the files in a folder that forms one step.
-        Some(FileOrder::Given) if options.is_step => None,
-        order => order,
-    };
+    // The given order is that of the steps, not of the files in a folder that forms one step.
+    let order = options.order.filter(|order| *order != FileOrder::Given || !options.is_step);
     let format = format_of(&paths[0], options)?;
     for path in &paths[1..] {
         if format_of(path, options)? != format {
@@ -146,7 +122,7 @@ pub fn order_steps(paths: &[PathBuf], options: &OpenOptions) -> Result<(Vec<Path
     Ok((paths, note))
 }
 
-fn open_one(path: &Path, format: Format, options: &OpenOptions) -> Result<Box<dyn Source>, ImportError> {
+fn open_one(path: &Path, format: Format, options: &OpenOptions) -> Result<Box<dyn Source>> {
     Ok(match format {
         Format::Raw => Box::new(open_raw(path, options)?),
         Format::Npy => Box::new(npy::open(path, options)?),
@@ -156,7 +132,7 @@ fn open_one(path: &Path, format: Format, options: &OpenOptions) -> Result<Box<dy
     })
 }
 
-fn open_steps(paths: &[PathBuf], format: Format, options: &OpenOptions) -> Result<Box<dyn Source>, ImportError> {
+fn open_steps(paths: &[PathBuf], format: Format, options: &OpenOptions) -> Result<Box<dyn Source>> {
     let check = |path: &Path| match format {
         Format::Nifti => nifti::check(path, options),
         _ => open_step(path, format, options).map(|source| StepFile::of(&*source)),
@@ -167,14 +143,14 @@ fn open_steps(paths: &[PathBuf], format: Format, options: &OpenOptions) -> Resul
 }
 
 /// Opens one file of several, without other files it names.
-fn open_step(path: &Path, format: Format, options: &OpenOptions) -> Result<Box<dyn Source>, ImportError> {
+fn open_step(path: &Path, format: Format, options: &OpenOptions) -> Result<Box<dyn Source>> {
     match format {
         Format::Tiff => tiff_stack::open_file(path, options, false),
         _ => open_one(path, format, options),
     }
 }
 
-fn open_raw(path: &Path, options: &OpenOptions) -> Result<RawSource, ImportError> {
+fn open_raw(path: &Path, options: &OpenOptions) -> Result<RawSource> {
     let bytes = std::fs::metadata(path).map_err(ImportError::io(path))?.len();
     let (Some(extent), Some(voxel_type)) = (options.shape, options.voxel_type) else {
         let problem =
@@ -194,7 +170,7 @@ fn open_raw(path: &Path, options: &OpenOptions) -> Result<RawSource, ImportError
 }
 
 /// Opens several TIFF files: planes if each has one page, time steps if each has more.
-fn open_tiffs(paths: &[PathBuf], options: &OpenOptions) -> Result<Box<dyn Source>, ImportError> {
+fn open_tiffs(paths: &[PathBuf], options: &OpenOptions) -> Result<Box<dyn Source>> {
     let are_stacks = tiff_stack::has_several_planes(&paths[0], options)?;
     for path in &paths[1..] {
         if tiff_stack::has_several_planes(path, options)? != are_stacks {
@@ -209,13 +185,12 @@ fn open_tiffs(paths: &[PathBuf], options: &OpenOptions) -> Result<Box<dyn Source
     open_steps(paths, Format::Tiff, options)
 }
 
-fn format_of(path: &Path, options: &OpenOptions) -> Result<Format, ImportError> {
+fn format_of(path: &Path, options: &OpenOptions) -> Result<Format> {
     check_kind(path)?;
     if options.shape.is_some() {
         return Ok(Format::Raw);
     }
-    let name = path.file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
-    let ends = |extensions: &[&str]| extensions.iter().any(|e| name.ends_with(e));
+    let name = name_of(path).to_ascii_lowercase();
     // The file must exist before its name means anything.
     let start = first_bytes(path, MAGIC_BYTES)?;
     if start.is_empty() {
@@ -228,41 +203,42 @@ fn format_of(path: &Path, options: &OpenOptions) -> Result<Format, ImportError> 
     if foreign::is_envi(&start) {
         foreign::refuse(path, &name)?;
     }
-    if ends(&[".nii", ".nii.gz", ".hdr", ".hdr.gz", ".img", ".img.gz"]) {
+    let by_name = Format::of_name(path);
+    if by_name == Some(Format::Nifti) || [".img", ".img.gz"].iter().any(|end| name.ends_with(end)) {
         return Ok(Format::Nifti);
     }
-    if start.starts_with(npy::MAGIC) || ends(&[".npy"]) {
+    if start.starts_with(npy::MAGIC) || by_name == Some(Format::Npy) {
         return Ok(Format::Npy);
     }
     let tiff_magics: [&[u8]; 4] = [b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"];
-    if tiff_magics.iter().any(|magic| start.starts_with(magic)) || is_tiff_name(path) {
+    if tiff_magics.iter().any(|magic| start.starts_with(magic)) || by_name == Some(Format::Tiff) {
         return Ok(Format::Tiff);
     }
     if tiff_stack::is_companion(path)? {
         return Ok(Format::Tiff);
     }
     foreign::refuse(path, &name)?;
-    if ends(&[".raw", ".bin", ".dat"]) {
+    if by_name == Some(Format::Raw) {
         return Ok(Format::Raw);
     }
     Err(ImportError::invalid(path, format!("not a supported format; supported are: {READ}")))
 }
 
 /// Refuses folders within a list, and files without random access.
-fn check_kind(path: &Path) -> Result<(), ImportError> {
+fn check_kind(path: &Path) -> Result<()> {
     let kind = std::fs::metadata(path).map_err(ImportError::io(path))?.file_type();
-    match kind {
-        kind if kind.is_file() => Ok(()),
-        kind if kind.is_dir() => Err(ImportError::invalid(
-            path,
-            "a folder among other inputs: name its files, or pack one folder and append the others",
-        )),
-        _ => Err(ImportError::invalid(path, "a pipe or a device, without random access; write it to a file first")),
-    }
+    let problem = match kind {
+        kind if kind.is_file() => return Ok(()),
+        kind if kind.is_dir() => {
+            "a folder among other inputs: name its files, or pack one folder and append the others"
+        }
+        _ => "a pipe or a device, without random access; write it to a file first",
+    };
+    Err(ImportError::invalid(path, problem))
 }
 
 /// Refuses options without effect on the format: their caller expects other voxels.
-fn check_used(format: Format, path: &Path, options: &OpenOptions) -> Result<(), ImportError> {
+fn check_used(format: Format, path: &Path, options: &OpenOptions) -> Result<()> {
     let has_axes = matches!(format, Format::Raw | Format::Npy | Format::Tiff);
     let counts_axes = format == Format::Raw || format == Format::Tiff && options.axes.is_some();
     let of_axes = if format == Format::Tiff { "raw files, and of TIFF with `axes`" } else { "raw files" };
@@ -279,39 +255,36 @@ fn check_used(format: Format, path: &Path, options: &OpenOptions) -> Result<(), 
     let Some((name, _, _, of)) = said.into_iter().find(|(_, is_said, is_used, _)| *is_said && !is_used) else {
         return Ok(());
     };
-    let problem = format!("`{name}` is for {of}, not for {}; leave it out", format.of_file());
+    let file = match format {
+        Format::Dicom => "DICOM".into(),
+        format => format!("a {} file", format.name()),
+    };
+    let problem = format!("`{name}` is for {of}, not for {file}; leave it out");
     Err(ImportError::options(path, problem))
 }
 
-/// A number as held by voxels: floats are narrowed.
-fn narrowed(value: f64, voxel_type: VoxelType) -> f64 {
-    if voxel_type.is_float() { f64::from(value as f32) } else { value }
-}
-
 /// Replaces the file's no-data value with the user's.
-fn override_nodata(info: &mut SourceInfo, path: &Path, nodata: NoData) -> Result<(), ImportError> {
+fn override_nodata(info: &mut SourceInfo, path: &Path, nodata: NoData) -> Result<()> {
+    let voxel_type = info.voxel_type;
+    let (low, high) = voxel_type.limits();
     let value = match nodata {
         NoData::OfFile => return Ok(()),
         NoData::None => None,
-        NoData::Value(value) if !info.voxel_type.holds(narrowed(value, info.voxel_type)) => {
-            let (low, high) = info.voxel_type.limits();
-            let told = |limit: f64| if info.voxel_type.is_float() { format!("{limit:e}") } else { limit.to_string() };
-            let [low, high] = [low, high].map(told);
-            let kind = if info.voxel_type.is_float() { "numbers" } else { "whole numbers" };
-            let voxel_type = info.voxel_type;
+        NoData::Value(value) if !voxel_type.holds(info.narrowed(value)) => {
+            let (kind, [low, high]) = match voxel_type.is_float() {
+                true => ("numbers", [low, high].map(|limit| format!("{limit:e}"))),
+                false => ("whole numbers", [low, high].map(|limit| limit.to_string())),
+            };
             let problem =
                 format!("`nodata` {value}: voxels are {voxel_type}, expected one of the {kind} from {low} to {high}");
             return Err(ImportError::options(path, problem));
         }
-        NoData::Value(value) if info.voxel_type.is_float() && value != 0.0 && value as f32 == 0.0 => {
+        NoData::Value(value) if voxel_type.is_float() && value != 0.0 && value as f32 == 0.0 => {
             let problem = format!("`nodata` {value:e}: voxels are f32, in which it is 0");
             return Err(ImportError::options(path, problem));
         }
-        NoData::Value(value) => {
-            let (low, high) = info.voxel_type.limits();
-            // The least float may have been given in fewer digits.
-            Some(value.clamp(low, high))
-        }
+        // The least float may have been given in fewer digits.
+        NoData::Value(value) => Some(value.clamp(low, high)),
     };
     (info.nodata, info.knows_nodata) = (value, false);
     Ok(())
@@ -322,6 +295,7 @@ mod tests {
     use super::*;
     use crate::testing::{Field, assert_boxes, temp_file};
     use brickyard_volume::Extent;
+    use brickyard_volume::VoxelType;
     use glam::DVec3;
     use proptest::prelude::*;
 

@@ -2,7 +2,7 @@
 
 use crate::axes::AxisOrder;
 use crate::element::Endian;
-use crate::error::ImportError;
+use crate::error::{ImportError, Result};
 use crate::source::SourceInfo;
 use brickyard_volume::{Extent, VoxelType};
 use glam::DVec3;
@@ -103,7 +103,7 @@ pub struct OpenOptions {
 
 impl OpenOptions {
     /// Replaces the file's spacing, origin and unit with the user's.
-    pub(crate) fn override_geometry(&self, info: &mut SourceInfo, path: &Path) -> Result<(), ImportError> {
+    pub(crate) fn override_geometry(&self, info: &mut SourceInfo, path: &Path) -> Result<()> {
         if let Some(spacing) = self.spacing {
             if !(spacing.min_element() > 0.0 && spacing.is_finite()) {
                 return Err(ImportError::options(path, format!("`spacing` {spacing}: every spacing must be above 0")));

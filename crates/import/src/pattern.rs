@@ -1,7 +1,7 @@
 //! Patterns of file names: `step_*.npy` and `step_??.npy`, or printf's `step_%04d.raw`. A shell expands only the first two, and only up to its
 //! limit; here a folder may hold any number of files.
 
-use crate::error::ImportError;
+use crate::error::{ImportError, Result};
 use crate::files::is_file;
 use std::path::{Path, PathBuf};
 
@@ -21,7 +21,7 @@ enum Pattern {
 ///
 /// # Errors
 /// If no file matches, the pattern is malformed, or its folder cannot be read.
-pub(crate) fn expand(path: &Path) -> Result<Option<Vec<PathBuf>>, ImportError> {
+pub(crate) fn expand(path: &Path) -> Result<Option<Vec<PathBuf>>> {
     let Some(name) = path.file_name().and_then(|name| name.to_str()) else { return Ok(None) };
     if path.symlink_metadata().is_ok() {
         return Ok(None);
@@ -97,12 +97,13 @@ impl Pattern {
 
 /// Parses the one number in a name, as printf has it: `%d`, `%04d`; `%4d` is refused, and `%%` is a percent sign.
 fn numbered(name: &str) -> Result<Option<Pattern>, String> {
-    let (mut texts, mut digits) = (vec![String::new()], None);
+    // Text since the counter, if one was found, and else from the start on.
+    let (mut before, mut text, mut digits) = (String::new(), String::new(), None);
     let mut rest = name;
-    while let Some((text, after)) = rest.split_once('%') {
-        texts.last_mut().into_iter().for_each(|last| last.push_str(text));
+    while let Some((plain, after)) = rest.split_once('%') {
+        text += plain;
         if let Some(after) = after.strip_prefix('%') {
-            texts.last_mut().into_iter().for_each(|last| last.push('%'));
+            text.push('%');
             rest = after;
             continue;
         }
@@ -110,7 +111,7 @@ fn numbered(name: &str) -> Result<Option<Pattern>, String> {
         let (width, after) = after.split_at(end);
         let Some(after) = after.strip_prefix('d').or_else(|| after.strip_prefix('u')) else {
             // A literal percent sign.
-            texts.last_mut().into_iter().for_each(|last| last.push_str(&format!("%{width}")));
+            text += &format!("%{width}");
             rest = after;
             continue;
         };
@@ -124,16 +125,11 @@ fn numbered(name: &str) -> Result<Option<Pattern>, String> {
         };
         digits =
             Some(least.ok_or_else(|| format!("%{width}d: expected %d, or %01d to %018d with a number of digits"))?);
-        texts.push(String::new());
+        before = std::mem::take(&mut text);
         rest = after;
     }
-    texts.last_mut().into_iter().for_each(|last| last.push_str(rest));
-    let pattern = |digits| {
-        let mut texts = texts.into_iter();
-        let mut next = || texts.next().unwrap_or_default();
-        Pattern::Numbered { before: next(), digits, after: next() }
-    };
-    Ok(digits.map(pattern))
+    text += rest;
+    Ok(digits.map(|digits| Pattern::Numbered { before, digits, after: text }))
 }
 
 /// Whether a name matches a pattern of `*` and `?`. Each star takes as little as possible, and more only after a mismatch.

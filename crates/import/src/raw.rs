@@ -7,11 +7,11 @@
 
 use crate::axes::{Axis, AxisOrder, Sizes};
 use crate::element::{Decode, Element, Endian};
-use crate::error::ImportError;
+use crate::error::{ImportError, Result};
 use crate::losses::Losses;
 use crate::mapped::MappedFile;
 use crate::options::OpenOptions;
-use crate::source::{Lent, Source, SourceInfo};
+use crate::source::{Lent, Source, SourceInfo, Take};
 use brickyard_volume::{Extent, VoxelBox, VoxelType};
 use std::path::Path;
 
@@ -110,12 +110,12 @@ impl RawSource {
     ///
     /// # Errors
     /// If the file is shorter than the array's layout.
-    pub(crate) fn new(file: MappedFile, array: ArrayLayout, info: SourceInfo) -> Result<Self, ImportError> {
+    pub(crate) fn new(file: MappedFile, array: ArrayLayout, info: SourceInfo) -> Result<Self> {
         // Whatever the reader checked, every later slice must lie inside the map.
         let needed = array.body_bytes().ok().and_then(|body| body.checked_add(array.offset));
         if needed.is_none_or(|needed| needed > file.len() as u64) {
             let problem = format!("shrank to {} bytes while it was opened", file.len());
-            return Err(ImportError::invalid(file.path(), problem));
+            return Err(ImportError::invalid(&file.path, problem));
         }
         Ok(Self { info, file, array })
     }
@@ -131,8 +131,8 @@ impl RawSource {
     ///
     /// # Errors
     /// If a forbidden loss occurs, or the file cannot be read.
-    pub(crate) fn with_losses(mut self, nodata: Option<f64>, options: &OpenOptions) -> Result<Self, ImportError> {
-        let path = self.file.path();
+    pub(crate) fn with_losses(mut self, nodata: Option<f64>, options: &OpenOptions) -> Result<Self> {
+        let path = &self.file.path;
         let Some(mut losses) = Losses::may_occur(path, self.array.decode, nodata, options) else { return Ok(self) };
         let body = self.array.body_bytes().map_err(|problem| ImportError::invalid(path, problem))?;
         let numbers = &self.file[self.array.offset as usize..][..body as usize];
@@ -178,13 +178,7 @@ impl Source for RawSource {
         self.file.scratch_bytes()
     }
 
-    fn lend(
-        &self,
-        time: u32,
-        channel: u32,
-        region: VoxelBox,
-        take: &mut dyn FnMut(Lent<'_>),
-    ) -> Result<bool, ImportError> {
+    fn lend(&self, time: u32, channel: u32, region: VoxelBox, take: Take<'_>) -> Result<bool, ImportError> {
         let [x, row_bytes, slice_bytes] = [Axis::X, Axis::Y, Axis::Z].map(|a| self.array.stride(a) as usize);
         if !self.array.decode.is_copy() || x != self.info.voxel_type.bytes() {
             return Ok(false);
@@ -254,9 +248,9 @@ impl BoxCopy {
 }
 
 /// Checks that every axis of more than one element has a letter.
-fn check_letters(path: &Path, array: &ArrayLayout) -> Result<(), ImportError> {
-    for (axis, letter) in [(Axis::Z, 'z'), (Axis::C, 'c'), (Axis::T, 't')] {
-        let size = array.sizes.of(axis);
+fn check_letters(path: &Path, array: &ArrayLayout) -> Result<()> {
+    for axis in [Axis::Z, Axis::C, Axis::T] {
+        let (size, letter) = (array.sizes.of(axis), axis.letter());
         if size > 1 && !array.axes.axes().contains(&axis) {
             let problem =
                 format!("axes '{}' have no '{letter}', but a size of {size} along {letter} was given", array.axes);
@@ -270,9 +264,10 @@ fn check_letters(path: &Path, array: &ArrayLayout) -> Result<(), ImportError> {
 fn misfit(layout: &RawLayout, body: u64, found: u64) -> String {
     let RawLayout { extent, voxel_type, offset, channels, times, .. } = *layout;
     let expected = body as u128 + offset as u128;
-    let difference = match found as u128 {
-        f if f > expected => format!("{} too many", f - expected),
-        f => format!("{} too few", expected - f),
+    let surplus = (found as u128).saturating_sub(expected);
+    let difference = match surplus {
+        0 => format!("{} too few", expected - found as u128),
+        _ => format!("{surplus} too many"),
     };
     let mut what = format!("{extent} {voxel_type}");
     for (n, name) in [(channels, "channels"), (times, "time steps")] {
@@ -288,10 +283,9 @@ fn misfit(layout: &RawLayout, body: u64, found: u64) -> String {
     if !fits.is_empty() {
         message += &format!("; would fit: {}", fits.join("; "));
     }
-    if found as u128 > expected {
-        let surplus = found as u128 - expected;
-        message +=
-            &format!("; if the file starts with a header of {0} bytes, pass `offset` {0}", surplus + offset as u128);
+    if surplus > 0 {
+        let header = surplus + offset as u128;
+        message += &format!("; if the file starts with a header of {header} bytes, pass `offset` {header}");
     }
     message
 }
@@ -330,7 +324,7 @@ fn fitting_shapes(layout: &RawLayout, found: u64) -> Vec<String> {
 
 /// Returns an identity of input files: `prefix` for the way they are read, then each file's absolute path, size and modification
 /// time.
-pub(crate) fn identity(prefix: &str, paths: &[impl AsRef<Path>]) -> Result<String, ImportError> {
+pub(crate) fn identity(prefix: &str, paths: &[impl AsRef<Path>]) -> Result<String> {
     let mut identity = prefix.to_owned();
     for path in paths {
         let path = path.as_ref();

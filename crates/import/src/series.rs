@@ -7,10 +7,10 @@
 #[cfg(test)]
 mod tests;
 
-use crate::error::ImportError;
+use crate::error::{ImportError, Result};
 use crate::note::Note;
 use crate::options::OpenOptions;
-use crate::source::{Access, Lent, Source, SourceInfo};
+use crate::source::{Access, Source, SourceInfo, Take};
 use crate::stamp::Stamp;
 use crate::step_time::StepTime;
 use brickyard_volume::{ChannelLook, VoxelBox, counted};
@@ -46,15 +46,12 @@ impl StepFile {
 }
 
 /// Opens a step's file.
-type Open = dyn Fn(&Path) -> Result<Box<dyn Source>, ImportError> + Send + Sync;
+type Open = dyn Fn(&Path) -> Result<Box<dyn Source>> + Send + Sync;
 
 /// A time series: files of one time step each, with the same extent, voxel type, channels and spacing.
 pub(crate) struct Series {
-    info: SourceInfo,
-    access: Access,
-    reader_bytes: u64,
-    held_bytes: u64,
-    scratch_bytes: u64,
+    /// Description of all steps.
+    all: StepFile,
     steps: Vec<Step>,
     open: Box<Open>,
     /// The steps read last, at most [`OPEN_STEPS`], the latest at the end.
@@ -85,13 +82,12 @@ impl Series {
     pub(crate) fn new(
         paths: &[PathBuf],
         options: &OpenOptions,
-        check: impl Fn(&Path) -> Result<StepFile, ImportError>,
+        check: impl Fn(&Path) -> Result<StepFile>,
         open: Box<Open>,
-    ) -> Result<Self, ImportError> {
-        let mut first: Option<StepFile> = None;
+    ) -> Result<Self> {
+        let mut all: Option<StepFile> = None;
         let mut named: Option<(Vec<ChannelLook>, &Path)> = None;
         let (mut identity, mut remarks) = (String::new(), Remarks::default());
-        let (mut reader_bytes, mut held_bytes, mut scratch_bytes) = (0, 0, 0);
         let (mut steps, mut step_times) = (Vec::with_capacity(paths.len()), Vec::with_capacity(paths.len()));
         for path in paths {
             let stamp = Stamp::of(path)?;
@@ -101,43 +97,46 @@ impl Series {
             let mut file = found?;
             // Values given by the user for all files are not compared.
             options.override_geometry(&mut file.info, path)?;
-            check_alike(&file.info, path, &first.as_ref().unwrap_or(&file).info, paths)?;
-            check_unit(&file.info, path, &first.as_ref().unwrap_or(&file).info, &paths[0])?;
+            let first = &all.as_ref().unwrap_or(&file).info;
+            check_alike(&file.info, path, first, paths)?;
+            check_unit(&file.info, path, first, &paths[0])?;
             let looks = &file.info.channel_looks;
             match &named {
                 Some((others, other)) => check_channels(looks, path, (others, other))?,
                 None if looks.iter().any(|look| look.name.is_some()) => named = Some((looks.clone(), path)),
                 None => {}
             }
-            reader_bytes = file.reader_bytes.max(reader_bytes);
-            held_bytes = file.held_bytes.max(held_bytes);
-            scratch_bytes = file.scratch_bytes.max(scratch_bytes);
             let start = identity.len();
             identity += &file.info.identity;
             steps.push(Step { path: path.clone(), stamp, identity: start..identity.len() });
             identity += "\n";
             remarks.add(&file.info.notes, path);
             step_times.push(std::mem::take(&mut file.step_time));
-            first.get_or_insert(file);
+            let (reader_bytes, held_bytes, scratch_bytes) = (file.reader_bytes, file.held_bytes, file.scratch_bytes);
+            let all = all.get_or_insert(file);
+            all.reader_bytes = all.reader_bytes.max(reader_bytes);
+            all.held_bytes = all.held_bytes.max(held_bytes);
+            all.scratch_bytes = all.scratch_bytes.max(scratch_bytes);
         }
-        let Some(StepFile { info, access, .. }) = first else {
+        let Some(mut all) = all else {
             return Err(ImportError::options(Path::new("input"), "none given"));
         };
         let is_told = options.time_step.is_some() || options.time_stamps.is_some();
         let (time, note) = if is_told { (None, None) } else { StepTime::axis(&step_times) };
         let mut notes = remarks.of_files(steps.len());
         notes.extend(note);
-        let info = SourceInfo { times: steps.len() as u32, time: info.time.or(time), identity, notes, ..info };
+        let time = all.info.time.take().or(time);
+        all.info = SourceInfo { times: steps.len() as u32, time, identity, notes, ..all.info };
         let open_steps = OPEN_STEPS.min(steps.len()) as u64;
-        let scratch_bytes = scratch_bytes.saturating_mul(open_steps);
+        all.scratch_bytes = all.scratch_bytes.saturating_mul(open_steps);
         let paths: usize = steps.iter().map(|step| step.path.as_os_str().len()).sum();
-        let own_bytes = (size_of_val(&steps[..]) + paths + info.identity.len()) as u64;
-        let held_bytes = held_bytes.saturating_mul(open_steps).saturating_add(own_bytes);
-        Ok(Self { info, access, reader_bytes, held_bytes, scratch_bytes, steps, open, recent: Mutex::default() })
+        let own_bytes = (size_of_val(&steps[..]) + paths + all.info.identity.len()) as u64;
+        all.held_bytes = all.held_bytes.saturating_mul(open_steps).saturating_add(own_bytes);
+        Ok(Self { all, steps, open, recent: Mutex::default() })
     }
 
     /// Returns the source of a step, opened unless it is among the last ones.
-    fn step(&self, time: u32) -> Result<Arc<dyn Source>, ImportError> {
+    fn step(&self, time: u32) -> Result<Arc<dyn Source>> {
         let place = self.place(time);
         let mut source = lock(&place);
         if let Some(source) = &*source {
@@ -165,13 +164,13 @@ impl Series {
         source
     }
 
-    fn reopen(&self, step: &Step) -> Result<Arc<dyn Source>, ImportError> {
+    fn reopen(&self, step: &Step) -> Result<Arc<dyn Source>> {
         let opened = (self.open)(&step.path);
         // The findings, or an error, hold only for the file examined before.
         step.stamp.check(&step.path)?;
         let opened = opened?;
-        let (found, known) = (opened.info(), &self.info);
-        let is_same = found.identity == self.info.identity[step.identity.clone()]
+        let (found, known) = (opened.info(), &self.all.info);
+        let is_same = found.identity == self.all.info.identity[step.identity.clone()]
             && (found.extent, found.voxel_type, found.channels) == (known.extent, known.voxel_type, known.channels)
             && found.times == 1;
         if !is_same {
@@ -219,7 +218,7 @@ impl<'a> Remarks<'a> {
 }
 
 /// Checks that a step agrees with the first in all properties shared by a series.
-fn check_alike(step: &SourceInfo, path: &Path, first: &SourceInfo, paths: &[PathBuf]) -> Result<(), ImportError> {
+fn check_alike(step: &SourceInfo, path: &Path, first: &SourceInfo, paths: &[PathBuf]) -> Result<()> {
     let first_path = paths[0].display();
     if step.times != 1 {
         let problem = format!("{} files given, one per time step, but this one holds {}", paths.len(), step.times);
@@ -235,11 +234,9 @@ fn check_alike(step: &SourceInfo, path: &Path, first: &SourceInfo, paths: &[Path
         return Err(ImportError::invalid(path, problem));
     }
     if step.nodata != first.nodata {
-        let value = |info: &SourceInfo| info.nodata.map_or("no value".into(), |value| value.to_string());
+        let [own, other] = [step, first].map(|info| info.nodata.map_or("no value".into(), |value| value.to_string()));
         let problem = format!(
-            "marks voxels without data with {}, but {first_path} with {}; give one value for all with `nodata`",
-            value(step),
-            value(first)
+            "marks voxels without data with {own}, but {first_path} with {other}; give one value for all with `nodata`"
         );
         return Err(ImportError::options(path, problem));
     }
@@ -255,7 +252,7 @@ fn check_alike(step: &SourceInfo, path: &Path, first: &SourceInfo, paths: &[Path
     Ok(())
 }
 
-fn check_unit(step: &SourceInfo, path: &Path, first: &SourceInfo, first_path: &Path) -> Result<(), ImportError> {
+fn check_unit(step: &SourceInfo, path: &Path, first: &SourceInfo, first_path: &Path) -> Result<()> {
     if step.geometry.unit.is_none() || step.geometry.unit == first.geometry.unit {
         return Ok(());
     }
@@ -268,7 +265,7 @@ fn check_unit(step: &SourceInfo, path: &Path, first: &SourceInfo, first_path: &P
 }
 
 /// Checks a step's channel names against the `named` file's, the first with such names, where both have them.
-fn check_channels(looks: &[ChannelLook], path: &Path, named: (&[ChannelLook], &Path)) -> Result<(), ImportError> {
+fn check_channels(looks: &[ChannelLook], path: &Path, named: (&[ChannelLook], &Path)) -> Result<()> {
     let (other_looks, other_path) = named;
     let differs = |(own, other): (&ChannelLook, &ChannelLook)| {
         own.name.as_ref().zip(other.name.as_ref()).is_some_and(|(own, other)| own != other)
@@ -276,11 +273,10 @@ fn check_channels(looks: &[ChannelLook], path: &Path, named: (&[ChannelLook], &P
     if !looks.iter().zip(other_looks).any(differs) {
         return Ok(());
     }
+    let (other_path, [own, other]) = (other_path.display(), [looks, other_looks].map(names_of));
     let problem = format!(
-        "has the channels {}, but {} has {}: write the steps with the same channels in one order, or pack each by itself",
-        names_of(looks),
-        other_path.display(),
-        names_of(other_looks)
+        "has the channels {own}, but {other_path} has {other}: write the steps with the same channels in one order, or \
+         pack each by itself"
     );
     Err(ImportError::invalid(path, problem))
 }
@@ -291,37 +287,31 @@ fn names_of(looks: &[ChannelLook]) -> String {
 
 impl Source for Series {
     fn info(&self) -> &SourceInfo {
-        &self.info
+        &self.all.info
     }
 
     fn access(&self) -> Access {
-        self.access
+        self.all.access
     }
 
     fn reader_bytes(&self) -> u64 {
-        self.reader_bytes
+        self.all.reader_bytes
     }
 
     fn held_bytes(&self) -> u64 {
-        self.held_bytes
+        self.all.held_bytes
     }
 
     fn scratch_bytes(&self) -> u64 {
-        self.scratch_bytes
+        self.all.scratch_bytes
     }
 
     fn read_box(&self, time: u32, channel: u32, region: VoxelBox, out: &mut [u8]) -> Result<(), ImportError> {
-        self.info.check_box(time, channel, region, out);
+        self.all.info.check_box(time, channel, region, out);
         self.step(time)?.read_box(0, channel, region, out)
     }
 
-    fn lend(
-        &self,
-        time: u32,
-        channel: u32,
-        region: VoxelBox,
-        take: &mut dyn FnMut(Lent<'_>),
-    ) -> Result<bool, ImportError> {
+    fn lend(&self, time: u32, channel: u32, region: VoxelBox, take: Take<'_>) -> Result<bool, ImportError> {
         self.step(time)?.lend(0, channel, region, take)
     }
 

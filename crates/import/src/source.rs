@@ -61,28 +61,32 @@ impl SourceInfo {
         }
     }
 
+    /// A value as the voxels are, possibly narrowed.
+    pub(crate) fn narrowed(&self, value: f64) -> f64 {
+        if self.voxel_type.is_float() { f64::from(value as f32) } else { value }
+    }
+
     /// Sets the file's no-data value, called `name` there. A value outside the voxel type is dropped, with a note; NaN and infinities hold no
     /// data anyway.
     pub(crate) fn set_nodata(&mut self, value: f64, name: &str) {
-        // As the voxels are, possibly narrowed.
-        let narrowed = if self.voxel_type.is_float() { f64::from(value as f32) } else { value };
+        let narrowed = self.narrowed(value);
         // Any no-data value, even an impossible one, means all other values are data.
         self.knows_nodata = !self.voxel_type.holds(narrowed);
-        if self.voxel_type.holds(narrowed) {
-            let value = narrowed;
-            self.nodata = Some(value);
-            let what = if self.voxel_type.is_float() { "they become NaN" } else { "they are left out" };
-            let note = format!("Voxels of {value} hold no data, according to the file ({name}): {what}.");
-            self.notes.push(Note::new(note));
+        let (voxel_type, is_float) = (self.voxel_type, self.voxel_type.is_float());
+        let note = |value: &str, what: &str| {
+            format!("Voxels of {value} hold no data, according to the file ({name}): {what}.")
+        };
+        if voxel_type.holds(narrowed) {
+            self.nodata = Some(narrowed);
+            let what = if is_float { "they become NaN" } else { "they are left out" };
+            self.notes.push(Note::new(note(&narrowed.to_string(), what)));
         } else if value.is_finite() {
-            let voxel_type = self.voxel_type;
-            let what = match voxel_type.is_float() {
-                true => "f32 cannot hold it, and infinite values hold no data anyway".into(),
-                false => format!("no {voxel_type} voxel can have this value"),
+            let what = match is_float {
+                true => "f32 cannot hold it, and infinite values hold no data anyway",
+                false => &format!("no {voxel_type} voxel can have this value"),
             };
             let value = if value.abs() < 1e15 { value.to_string() } else { format!("{value:e}") };
-            let warning = format!("Voxels of {value} hold no data, according to the file ({name}): {what}.");
-            self.notes.push(Note::warning(warning));
+            self.notes.push(Note::warning(note(&value, what)));
         }
     }
 
@@ -120,6 +124,9 @@ pub struct Lent<'a> {
     /// Bytes from one slice to the next along z.
     pub slice_bytes: usize,
 }
+
+/// Receiver of lent voxels.
+pub(crate) type Take<'a> = &'a mut dyn FnMut(Lent<'_>);
 
 /// A volume, time series or multi-channel set, readable box by box. Calls may come from many threads at once.
 pub trait Source: Send + Sync {
@@ -165,13 +172,7 @@ pub trait Source: Send + Sync {
     ///
     /// # Errors
     /// As for [`Source::read_box`]. `take` may have seen a file cut short or written to during the read: discard its result.
-    fn lend(
-        &self,
-        _time: u32,
-        _channel: u32,
-        _region: VoxelBox,
-        _take: &mut dyn FnMut(Lent<'_>),
-    ) -> Result<bool, ImportError> {
+    fn lend(&self, _time: u32, _channel: u32, _region: VoxelBox, _take: Take<'_>) -> Result<bool, ImportError> {
         Ok(false)
     }
 

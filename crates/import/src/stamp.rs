@@ -1,6 +1,6 @@
 //! State of a file that is read more than once.
 
-use crate::error::ImportError;
+use crate::error::{ImportError, Result};
 use std::fs::Metadata;
 use std::path::Path;
 use std::time::SystemTime;
@@ -10,13 +10,13 @@ use std::time::SystemTime;
 /// themselves.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Stamp {
-    bytes: u64,
+    pub(crate) bytes: u64,
     modified: Option<SystemTime>,
 }
 
 impl Stamp {
     /// Returns the present state of the file at `path`.
-    pub(crate) fn of(path: &Path) -> Result<Self, ImportError> {
+    pub(crate) fn of(path: &Path) -> Result<Self> {
         std::fs::metadata(path).map(|file| Self::in_metadata(&file)).map_err(ImportError::io(path))
     }
 
@@ -24,15 +24,11 @@ impl Stamp {
         Self { bytes: file.len(), modified: file.modified().ok() }
     }
 
-    pub(crate) fn bytes(&self) -> u64 {
-        self.bytes
-    }
-
     /// Checks that the file at `path` still has this state. Call it *after* reading the bytes to be vouched for.
     ///
     /// # Errors
     /// If the file is gone, or was cut short, replaced or written to.
-    pub(crate) fn check(&self, path: &Path) -> Result<(), ImportError> {
+    pub(crate) fn check(&self, path: &Path) -> Result<()> {
         let found = Self::of(path)?;
         if found == *self {
             return Ok(());
@@ -41,9 +37,7 @@ impl Stamp {
             true => "it was written to or replaced".into(),
             false => format!("expected {} bytes, as it had when it was opened, found {}", self.bytes, found.bytes),
         };
-        Err(ImportError::invalid(
-            path,
-            format!("changed while it was read: {how}; start over when no program writes to it"),
-        ))
+        let problem = format!("changed while it was read: {how}; start over when no program writes to it");
+        Err(ImportError::invalid(path, problem))
     }
 }

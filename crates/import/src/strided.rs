@@ -1,7 +1,7 @@
 //! Every n-th voxel of a source: a small copy of a large volume, made without reading all of it. Only the needed rows are read of sources with box
 //! access, and only the needed planes of sources that decode planes.
 
-use crate::error::ImportError;
+use crate::error::{ImportError, Result};
 use crate::source::{Access, Source, SourceInfo};
 use brickyard_volume::{Extent, PlacementError, VoxelBox};
 use glam::DVec3;
@@ -70,7 +70,7 @@ impl Strided {
     }
 
     /// Reads a plane, a box one voxel thick.
-    fn read_plane(&self, time: u32, channel: u32, plane: VoxelBox, out: &mut [u8]) -> Result<(), ImportError> {
+    fn read_plane(&self, time: u32, channel: u32, plane: VoxelBox, out: &mut [u8]) -> Result<()> {
         let bytes = self.info.voxel_type.bytes();
         let whole = self.box_of_whole(plane);
         let own_row_bytes = plane.extent().x as usize * bytes;

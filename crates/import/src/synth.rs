@@ -19,7 +19,7 @@ use crate::error::ImportError;
 use crate::source::{Source, SourceInfo};
 use brickyard_volume::{Extent, VoxelBox, VoxelType};
 use glam::DVec3;
-use shapes::{MarschnerLobb, Ramp, Sparse, Spheres};
+use shapes::{Sparse, Spheres};
 use turbulence::Turbulence;
 
 /// A kind of generated volume.
@@ -49,6 +49,9 @@ pub const CONSTANT_UNITS: f64 = 100.0;
 
 /// Value of the last voxel of [`SynthKind::Sparse`], in units of 0 to 255. A u16 voxel stores 200 times as much.
 pub const SPARSE_LAST_UNITS: f64 = 199.0;
+
+/// Value of one unit in u16 voxels.
+const U16_FACTOR: f32 = 200.0;
 
 impl SynthKind {
     /// All kinds of generated volumes.
@@ -94,7 +97,6 @@ impl std::str::FromStr for SynthKind {
 pub struct SynthSource {
     info: SourceInfo,
     seed: u64,
-    units: Units,
     field: Field,
 }
 
@@ -110,10 +112,8 @@ enum Field {
     Constant,
 }
 
-/// Makes rows of one box, in units. Rows are requested in memory order.
-trait RowField {
-    fn row(&mut self, y: u32, z: u32, units: &mut [f32]);
-}
+/// Makes the row at `y` and `z` of one box, in units. Rows are requested in memory order.
+type Rows<'a> = Box<dyn FnMut(u32, u32, &mut [f32]) + 'a>;
 
 impl SynthSource {
     /// Creates a source of `steps` time steps. Only [`SynthKind::Flow`] changes with time.
@@ -128,9 +128,10 @@ impl SynthSource {
         seed: u64,
     ) -> Result<Self, ImportError> {
         let name = std::path::Path::new(kind.name());
-        let units = Units::of(voxel_type).ok_or_else(|| {
-            ImportError::options(name, format!("cannot be generated as {voxel_type}; use u8, u16 or f32"))
-        })?;
+        if !matches!(voxel_type, VoxelType::U8 | VoxelType::U16 | VoxelType::F32) {
+            let problem = format!("cannot be generated as {voxel_type}; use u8, u16 or f32");
+            return Err(ImportError::options(name, problem));
+        }
         let sizes = Sizes { extent, channels: 1, times: steps };
         sizes.checked_bytes(voxel_type.bytes()).map_err(|problem| ImportError::options(name, problem))?;
         let field = match kind {
@@ -145,11 +146,10 @@ impl SynthSource {
         };
         let info = SourceInfo {
             calibrated: true,
-            says_origin: false,
             identity: format!("synth {} {extent} {voxel_type} steps {steps} seed {seed}", kind.name()),
             ..SourceInfo::plain(sizes, voxel_type)
         };
-        Ok(Self { info, seed, units, field })
+        Ok(Self { info, seed, field })
     }
 
     /// Returns the value at a continuous voxel position, as stored but not rounded. Voxel `i` is centred at `i + 0.5`.
@@ -165,20 +165,28 @@ impl SynthSource {
             Field::Constant => CONSTANT_UNITS,
             Field::Turbulence(_) | Field::Ct(_) | Field::Flow(_) => return None,
         };
-        Some(units * self.units.factor())
+        Some(units * self.factor())
     }
 
-    fn rows(&self, time: u32, region: VoxelBox) -> Box<dyn RowField + '_> {
+    /// Value of one unit, as stored.
+    fn factor(&self) -> f64 {
+        if self.info.voxel_type == VoxelType::U16 { U16_FACTOR.into() } else { 1.0 }
+    }
+
+    fn rows(&self, time: u32, region: VoxelBox) -> Rows<'_> {
         let extent = self.info.extent;
         match &self.field {
-            Field::Turbulence(noise) => Box::new(turbulence::Haze::new(noise, extent, region)),
-            Field::MarschnerLobb => Box::new(MarschnerLobb::new(extent, region)),
+            Field::Turbulence(noise) => Box::new(turbulence::haze(noise, extent, region)),
+            Field::MarschnerLobb => Box::new(shapes::marschner_lobb_rows(extent, region)),
             Field::Spheres(spheres) => Box::new(spheres.rows(extent, region)),
-            Field::Ct(noise) => Box::new(ct::Ct::new(noise, self.seed, extent, region)),
-            Field::Flow(noise) => Box::new(flow::Flow::new(noise, time, extent, region)),
+            Field::Ct(noise) => {
+                let mut ct = ct::Ct::new(noise, self.seed, extent, region);
+                Box::new(move |y, z, units| ct.row(y, z, units))
+            }
+            Field::Flow(noise) => Box::new(flow::rows(noise, time, extent, region)),
             Field::Sparse(sparse) => Box::new(sparse.rows(region)),
-            Field::Ramp => Box::new(Ramp::new(extent, region)),
-            Field::Constant => Box::new(Constant),
+            Field::Ramp => Box::new(shapes::ramp_rows(extent, region)),
+            Field::Constant => Box::new(|_, _, units| units.fill(CONSTANT_UNITS as f32)),
         }
     }
 }
@@ -196,9 +204,9 @@ impl Source for SynthSource {
         let mut lines = out.chunks_exact_mut(width * self.info.voxel_type.bytes());
         for z in region.min.z..region.max.z {
             for y in region.min.y..region.max.y {
-                rows.row(y, z, &mut units);
+                rows(y, z, &mut units);
                 if let Some(line) = lines.next() {
-                    self.units.store(&units, line);
+                    store(self.info.voxel_type, &units, line);
                 }
             }
         }
@@ -212,59 +220,26 @@ impl Source for SynthSource {
             Field::Spheres(spheres) => spheres.is_zero_in(self.info.extent, region).then_some(0.0),
             _ => None,
         };
-        units.map(|u| u * self.units.factor())
+        units.map(|u| u * self.factor())
     }
 }
 
-struct Constant;
-
-impl RowField for Constant {
-    fn row(&mut self, _y: u32, _z: u32, units: &mut [f32]) {
-        units.fill(CONSTANT_UNITS as f32);
-    }
-}
-
-/// The stored units.
-#[derive(Clone, Copy)]
-enum Units {
-    U8,
-    U16,
-    F32,
-}
-
-impl Units {
-    fn of(voxel_type: VoxelType) -> Option<Self> {
-        match voxel_type {
-            VoxelType::U8 => Some(Self::U8),
-            VoxelType::U16 => Some(Self::U16),
-            VoxelType::F32 => Some(Self::F32),
-            _ => None,
-        }
-    }
-
-    fn factor(self) -> f64 {
-        match self {
-            Self::U16 => 200.0,
-            Self::U8 | Self::F32 => 1.0,
-        }
-    }
-
-    fn store(self, units: &[f32], out: &mut [u8]) {
-        match self {
-            Self::U8 => {
-                for (o, u) in out.iter_mut().zip(units) {
-                    *o = round_bits(u.clamp(0.0, 255.0)) as u8;
-                }
+/// Stores units as voxels: u8, u16 or f32.
+fn store(voxel_type: VoxelType, units: &[f32], out: &mut [u8]) {
+    match voxel_type {
+        VoxelType::U8 => {
+            for (o, u) in out.iter_mut().zip(units) {
+                *o = round_bits(u.clamp(0.0, 255.0)) as u8;
             }
-            Self::U16 => {
-                for (o, u) in out.as_chunks_mut::<2>().0.iter_mut().zip(units) {
-                    *o = (round_bits((u * 200.0).clamp(0.0, 65535.0)) as u16).to_le_bytes();
-                }
+        }
+        VoxelType::U16 => {
+            for (o, u) in out.as_chunks_mut::<2>().0.iter_mut().zip(units) {
+                *o = (round_bits((u * U16_FACTOR).clamp(0.0, 65535.0)) as u16).to_le_bytes();
             }
-            Self::F32 => {
-                for (o, u) in out.as_chunks_mut::<4>().0.iter_mut().zip(units) {
-                    *o = u.to_le_bytes();
-                }
+        }
+        _ => {
+            for (o, u) in out.as_chunks_mut::<4>().0.iter_mut().zip(units) {
+                *o = u.to_le_bytes();
             }
         }
     }

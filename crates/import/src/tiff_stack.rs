@@ -40,7 +40,7 @@ pub(crate) use opening::{has_several_planes, open_file, open_planes};
 
 use crate::axes::Sizes;
 use crate::element::{Decode, Endian};
-use crate::error::ImportError;
+use crate::error::{ImportError, Result};
 use crate::losses::Losses;
 use crate::note::Note;
 use crate::options::OpenOptions;
@@ -61,15 +61,9 @@ const MOST_IDLE: usize = 128;
 /// A stack of planes in TIFF files as a source.
 struct TiffStack {
     info: SourceInfo,
-    format: PageFormat,
     /// Conversion of the library's samples, in this machine's byte order, to voxels.
     decode: Decode,
-    files: Vec<TiffFile>,
-    map: PageMap,
-    /// Memory for the largest strip or tile.
-    reader_bytes: u64,
-    /// Idle decoders, each with the number of its file.
-    idle: Mutex<Vec<(u32, OpenTiff)>>,
+    parts: Parts,
     step_time: StepTime,
 }
 
@@ -85,8 +79,10 @@ struct Parts {
     files: Vec<TiffFile>,
     format: PageFormat,
     map: PageMap,
+    /// Memory for the largest strip or tile.
     reader_bytes: u64,
-    idle: Vec<(u32, OpenTiff)>,
+    /// Idle decoders, each with the number of its file.
+    idle: Mutex<Vec<(u32, OpenTiff)>>,
 }
 
 /// Looks of a photograph's channels: red, green and blue over all values of the type; further ones give opacity, and are black.
@@ -101,8 +97,8 @@ fn photograph(info: &SourceInfo, samples: u16) -> Vec<ChannelLook> {
 }
 
 impl TiffStack {
-    fn new(parts: Parts, description: &Description, options: &OpenOptions) -> Result<Self, ImportError> {
-        let Parts { files, format, map, reader_bytes, idle } = parts;
+    fn new(parts: Parts, description: &Description, options: &OpenOptions) -> Result<Self> {
+        let Parts { files, format, map, .. } = &parts;
         let path = &files[0].path;
         let (scale, note) = description.scale(format.element, format.samples);
         let decode = Decode { element: format.element, endian: Endian::native(), scale };
@@ -124,26 +120,25 @@ impl TiffStack {
             let note = format!("Each page holds {} samples a pixel; they are read as channels.", format.samples);
             info.notes.push(Note::new(note));
         }
-        let (idle, step_time) = (Mutex::new(idle), description.step_time.clone());
-        let mut stack = Self { info, format, decode, files, map, reader_bytes, idle, step_time };
+        let mut stack = Self { info, decode, parts, step_time: description.step_time.clone() };
         stack.count_losses(description.nodata_value(scale), options)?;
         description.mark(&mut stack.info, scale, options.nodata);
         Ok(stack)
     }
 
     /// Counts the losses of voxels in all planes; a forbidden loss is an error.
-    fn count_losses(&mut self, nodata: Option<f64>, options: &OpenOptions) -> Result<(), ImportError> {
-        let path = |place: Place| &self.files[place.file as usize].path;
-        let Some(mut losses) = Losses::may_occur(&self.files[0].path, self.decode, nodata, options) else {
+    fn count_losses(&mut self, nodata: Option<f64>, options: &OpenOptions) -> Result<()> {
+        let path = |place: Place| &self.parts.files[place.file as usize].path;
+        let Some(mut losses) = Losses::may_occur(&self.parts.files[0].path, self.decode, nodata, options) else {
             return Ok(());
         };
         let mut last = 0;
-        for place in self.map.by_file() {
+        for place in self.parts.map.by_file() {
             if place.file != last {
                 losses.next_file(path(place));
                 last = place.file;
             }
-            self.with_page(place, |tiff| tiff.each_chunk(&self.format, |samples| losses.see(samples)))?;
+            self.with_page(place, |tiff| tiff.each_chunk(&self.parts.format, |samples| losses.see(samples)))?;
         }
         let (note, decode) = (losses.note(), losses.decode());
         self.info.notes.push(note);
@@ -153,14 +148,10 @@ impl TiffStack {
     }
 
     /// Runs `f` on a decoder positioned at the page.
-    fn with_page(
-        &self,
-        place: Place,
-        f: impl FnOnce(&mut OpenTiff) -> Result<(), ImportError>,
-    ) -> Result<(), ImportError> {
-        let file = &self.files[place.file as usize];
+    fn with_page(&self, place: Place, f: impl FnOnce(&mut OpenTiff) -> Result<()>) -> Result<()> {
+        let file = &self.parts.files[place.file as usize];
         // A poisoned lock still holds valid decoders: only the list changes under it.
-        let rest = || self.idle.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+        let rest = || self.parts.idle.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
         let idle = {
             let mut rest = rest();
             rest.iter().rposition(|(of, _)| *of == place.file).map(|i| rest.remove(i).1)
@@ -168,7 +159,7 @@ impl TiffStack {
         let read = || {
             let mut tiff = idle.map_or_else(|| OpenTiff::open(&file.path), Ok)?;
             tiff.seek(place.page)?;
-            if tiff.format()? != self.format {
+            if tiff.format()? != self.parts.format {
                 let problem = format!(
                     "page {} has changed since the file was opened; start over when no program writes to it",
                     place.page + 1
@@ -208,23 +199,23 @@ impl Source for TiffStack {
     }
 
     fn reader_bytes(&self) -> u64 {
-        self.reader_bytes
+        self.parts.reader_bytes
     }
 
     fn held_bytes(&self) -> u64 {
-        let paths: usize = self.files.iter().map(|file| file.path.as_os_str().len()).sum();
-        let tables = size_of_val(&self.files[..]) + self.map.held_bytes() + self.info.identity.len();
+        let paths: usize = self.parts.files.iter().map(|file| file.path.as_os_str().len()).sum();
+        let tables = size_of_val(&self.parts.files[..]) + self.parts.map.held_bytes() + self.info.identity.len();
         (tables + paths) as u64
     }
 
     fn read_box(&self, time: u32, channel: u32, region: VoxelBox, out: &mut [u8]) -> Result<(), ImportError> {
         self.info.check_box(time, channel, region, out);
-        let samples = self.format.samples as u32;
+        let samples = self.parts.format.samples as u32;
         let plane_bytes = out.len() / region.extent().z as usize;
         for (z, plane) in (region.min.z..).zip(out.chunks_exact_mut(plane_bytes)) {
-            let place = self.map.place(time, channel / samples, z);
+            let place = self.parts.map.place([time, channel / samples, z]);
             self.with_page(place, |tiff| {
-                tiff.read_rectangle(&self.format, channel % samples, self.decode, region, plane)
+                tiff.read_rectangle(&self.parts.format, channel % samples, self.decode, region, plane)
             })?;
         }
         Ok(())

@@ -1,6 +1,6 @@
 //! User-given times of an input's steps, replacing its file's.
 
-use crate::error::ImportError;
+use crate::error::{ImportError, Result};
 use crate::options::OpenOptions;
 use crate::source::SourceInfo;
 use brickyard_volume::{TimeAxis, counted, time_unit};
@@ -10,7 +10,7 @@ use std::path::Path;
 const LONGEST_STAMPS: u64 = 256 << 20;
 
 /// Replaces the file's time step, unit and stamps with the user's.
-pub(crate) fn override_time(info: &mut SourceInfo, path: &Path, options: &OpenOptions) -> Result<(), ImportError> {
+pub(crate) fn override_time(info: &mut SourceInfo, path: &Path, options: &OpenOptions) -> Result<()> {
     if options.time_step.is_some() && options.time_stamps.is_some() {
         let problem = "`time_step` and `time_stamps`: steps are either evenly spaced or have times of their own; give \
                        one of the two";
@@ -44,7 +44,7 @@ pub(crate) fn override_time(info: &mut SourceInfo, path: &Path, options: &OpenOp
 }
 
 /// Reads a file of stamps; fails unless it has one number per time step.
-fn read_stamps(path: &Path, times: u32) -> Result<Vec<f64>, ImportError> {
+fn read_stamps(path: &Path, times: u32) -> Result<Vec<f64>> {
     let bytes = std::fs::metadata(path).map_err(ImportError::io(path))?.len();
     if bytes > LONGEST_STAMPS {
         let problem = format!(
@@ -61,19 +61,15 @@ fn read_stamps(path: &Path, times: u32) -> Result<Vec<f64>, ImportError> {
         let stamp = line.parse::<f64>().ok().filter(|stamp| stamp.is_finite());
         stamp.ok_or_else(|| {
             let start: String = line.chars().take(40).collect();
-            ImportError::invalid(
-                path,
-                format!("line {number}: expected the time of one step, a number, found '{start}'"),
-            )
+            let problem = format!("line {number}: expected the time of one step, a number, found '{start}'");
+            ImportError::invalid(path, problem)
         })
     });
     let stamps: Vec<f64> = stamps.collect::<Result<_, _>>()?;
     if stamps.len() != times as usize {
         let (steps, found) = (counted(times.into(), "time step"), stamps.len());
-        return Err(ImportError::options(
-            path,
-            format!("`time_stamps`: holds {found} numbers, but the input has {steps}"),
-        ));
+        let problem = format!("`time_stamps`: holds {found} numbers, but the input has {steps}");
+        return Err(ImportError::options(path, problem));
     }
     Ok(stamps)
 }

@@ -2,6 +2,7 @@
 //! name only when complete.
 
 use crate::error::{ImportError, without_path};
+use crate::files::folder_of;
 use crate::source::{Access, Source};
 use brickyard_volume::{Extent, VoxelBox};
 use std::fs::File;
@@ -28,7 +29,7 @@ pub fn write_raw(
     if !overwrite && path.exists() {
         return Err(ImportError::options(path, "exists already; choose another name, or remove it"));
     }
-    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let folder = folder_of(path);
     let partial = temporary_in(folder).map_err(ImportError::io(folder))?;
     let pieces = Pieces::new(source);
     partial.as_file().set_len(pieces.total_bytes()).map_err(ImportError::io(path))?;

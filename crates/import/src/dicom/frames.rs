@@ -7,7 +7,7 @@ use super::header::{EXPLICIT_BIG_ENDIAN, Header};
 use super::mosaic::Mosaic;
 use super::pixels::{PixelFormat, Samples};
 use crate::element::Endian;
-use crate::error::ImportError;
+use crate::error::{ImportError, Result};
 use brickyard_volume::{VoxelBox, counted};
 use dicom_core::VR;
 use dicom_dictionary_std::{tags, uids};
@@ -42,19 +42,22 @@ enum Codec {
     Jpeg2000,
 }
 
+/// First bytes and lengths, in bytes.
+type Ranges = Vec<(u64, u64)>;
+
 /// Frames of one DICOM file: their storage and places. The slices of a mosaic are frames of one picture.
 #[derive(Debug)]
 pub(super) struct Frames {
     pub(super) format: PixelFormat,
     packing: Packing,
-    /// Ranges of each frame in the file (or in its inflated data set): first byte and length in bytes.
-    places: Vec<Vec<(u64, u64)>>,
+    /// Ranges of each frame in the file, or in its inflated data set.
+    places: Vec<Ranges>,
     pub(super) mosaic: Option<Mosaic>,
 }
 
 impl Frames {
     /// Finds the frames of a file by its header, and checks that the file holds them all.
-    pub(super) fn find(header: &Header) -> Result<Self, ImportError> {
+    pub(super) fn find(header: &Header) -> Result<Self> {
         let path = header.path.as_path();
         let format = PixelFormat::of(header)?;
         let Some(pixels) = header.pixels else {
@@ -86,7 +89,7 @@ impl Frames {
                 return Err(ImportError::unsupported_but(path, "a deflated file of several frames", advice));
             }
             (Packing::Deflated, Some(length)) => {
-                native_places(path, &format, count, pixels.offset, length, header.inflated_bytes())?
+                native_places(path, &format, count, pixels.offset, length, header.inflated_bytes)?
             }
             (_, Some(length)) => {
                 // Some archives decompress pixels and keep the syntax's name.
@@ -121,7 +124,7 @@ impl Frames {
 
     /// Most memory for reading one frame, in bytes: the packed frame and its decoder.
     pub(super) fn reader_bytes(&self) -> u64 {
-        let packed = |ranges: &Vec<(u64, u64)>| ranges.iter().map(|range| range.1).sum();
+        let packed = |ranges: &Ranges| ranges.iter().map(|range| range.1).sum();
         let packed: u64 = self.places.iter().map(packed).max().unwrap_or(0);
         let per_pixel = match self.packing {
             Packing::Native(_) | Packing::Deflated => 0,
@@ -137,30 +140,20 @@ impl Frames {
         size_of_val(&self.places[..]) + ranges
     }
 
-    fn read_packed(&self, header: &Header, frame: usize) -> Result<Vec<u8>, ImportError> {
-        let path = header.path.as_path();
-        match self.packing {
-            Packing::Deflated => {
-                let (first, length) = self.places[frame][0];
-                header.read_inflated(first, length)
-            }
-            _ => read_ranges(path, &self.places[frame]),
-        }
-    }
-
     /// Reads and decodes one frame, or the picture containing it.
-    pub(super) fn read(&self, header: &Header, frame: usize) -> Result<Samples, ImportError> {
+    pub(super) fn read(&self, header: &Header, frame: usize) -> Result<Samples> {
         let path = header.path.as_path();
         let frame = if self.mosaic.is_some() { 0 } else { frame };
-        let bytes = self.read_packed(header, frame);
+        let bytes = match (self.packing, &self.places[frame][..]) {
+            (Packing::Deflated, &[(first, length), ..]) => header.read_inflated(first, length),
+            (_, ranges) => read_ranges(path, ranges),
+        };
         // The file is reopened for each frame: the bytes, or an error, count only if it is unchanged since its header was read.
         header.confirm()?;
         let bytes = bytes?;
         let refuse = |problem: String| {
-            ImportError::invalid(
-                path,
-                format!("frame {} cannot be decoded: {problem}; fetch the file again", frame + 1),
-            )
+            let problem = format!("frame {} cannot be decoded: {problem}; fetch the file again", frame + 1);
+            ImportError::invalid(path, problem)
         };
         let expected = self.format.pixels() * self.format.width as u64;
         if expected / ABSURD_RATIO > bytes.len() as u64 {
@@ -182,7 +175,7 @@ impl Frames {
 }
 
 /// Number of frames by the header, 1 by default.
-fn frame_count(header: &Header) -> Result<u64, ImportError> {
+fn frame_count(header: &Header) -> Result<u64> {
     let text = header.text(tags::NUMBER_OF_FRAMES).filter(|text| !text.is_empty());
     let Some(text) = text else { return Ok(1) };
     let count = text.parse::<f64>().ok().filter(|n| n.fract() == 0.0 && (1.0..=f64::from(u32::MAX)).contains(n));
@@ -190,7 +183,7 @@ fn frame_count(header: &Header) -> Result<u64, ImportError> {
     count.map(|n| n as u64).ok_or_else(|| ImportError::invalid(&header.path, problem()))
 }
 
-fn packing_of(header: &Header) -> Result<Packing, ImportError> {
+fn packing_of(header: &Header) -> Result<Packing> {
     Ok(match header.syntax.as_str() {
         uids::IMPLICIT_VR_LITTLE_ENDIAN | uids::EXPLICIT_VR_LITTLE_ENDIAN => Packing::Native(Endian::Little),
         EXPLICIT_BIG_ENDIAN => Packing::Native(Endian::Big),
@@ -214,18 +207,16 @@ fn native_places(
     offset: u64,
     length: u64,
     end: u64,
-) -> Result<Vec<Vec<(u64, u64)>>, ImportError> {
+) -> Result<Vec<Ranges>> {
     let frame = format.pixels() * format.width as u64;
     let expected = frame.saturating_mul(count);
     let found = length.min(end.saturating_sub(offset));
     if found < expected {
+        let PixelFormat { columns, rows, width, .. } = format;
+        let (frames, missing) = (counted(count, "frame"), expected - found);
         let problem = format!(
-            "cut short: {} of {} x {} pixels of {} bytes are {expected} bytes, found {found} ({} missing); fetch the file again",
-            counted(count, "frame"),
-            format.columns,
-            format.rows,
-            format.width,
-            expected - found
+            "cut short: {frames} of {columns} x {rows} pixels of {width} bytes are {expected} bytes, found {found} \
+             ({missing} missing); fetch the file again"
         );
         return Err(ImportError::invalid(path, problem));
     }
@@ -233,27 +224,25 @@ fn native_places(
 }
 
 /// Places of the fragments of each frame in encapsulated pixel data: items, the first of which is a table of offsets.
-fn fragment_places(path: &Path, count: u64, start: u64) -> Result<Vec<Vec<(u64, u64)>>, ImportError> {
+fn fragment_places(path: &Path, count: u64, start: u64) -> Result<Vec<Ranges>> {
     let mut file = File::open(path).map_err(ImportError::io(path))?;
     let end = file.metadata().map_err(ImportError::io(path))?.len();
     let mut items = Vec::new();
     let mut position = start;
     loop {
         let mut head = [0; 8];
-        let cut = |position: u64, needed: u64| {
-            let problem = format!(
-                "cut short: its pixel data go on past byte {}, found {end}; fetch the file again",
-                position + needed
-            );
+        let cut = |needed: u64| {
+            let problem =
+                format!("cut short: its pixel data go on past byte {needed}, found {end}; fetch the file again");
             ImportError::invalid(path, problem)
         };
         if position + 8 > end {
-            return Err(cut(position, 8));
+            return Err(cut(position + 8));
         }
         file.seek(SeekFrom::Start(position)).and_then(|_| file.read_exact(&mut head)).map_err(ImportError::io(path))?;
         let length = u32::from_le_bytes([head[4], head[5], head[6], head[7]]) as u64;
         match head[..4] {
-            [0xfe, 0xff, 0x00, 0xe0] if position + 8 + length > end => return Err(cut(position + 8, length)),
+            [0xfe, 0xff, 0x00, 0xe0] if position + 8 + length > end => return Err(cut(position + 8 + length)),
             [0xfe, 0xff, 0x00, 0xe0] => items.push((position + 8, length)),
             [0xfe, 0xff, 0xdd, 0xe0] => break,
             _ => {
@@ -276,11 +265,10 @@ fn fragment_places(path: &Path, count: u64, start: u64) -> Result<Vec<Vec<(u64, 
     let offsets = read_ranges(path, std::slice::from_ref(table))?;
     let (offsets, _) = offsets.as_chunks::<4>();
     if offsets.len() as u64 != count {
+        let (frames, offsets) = (counted(count, "frame"), counted(offsets.len() as u64, "offset"));
+        let fragments = counted(fragments.len() as u64, "fragment");
         let problem = format!(
-            "has {} in {}, and a table of {}: fragments cannot be assigned to frames; write it again",
-            counted(count, "frame"),
-            counted(fragments.len() as u64, "fragment"),
-            counted(offsets.len() as u64, "offset")
+            "has {frames} in {fragments}, and a table of {offsets}: fragments cannot be assigned to frames; write it again"
         );
         return Err(ImportError::invalid(path, problem));
     }
@@ -294,7 +282,7 @@ fn fragment_places(path: &Path, count: u64, start: u64) -> Result<Vec<Vec<(u64, 
     Ok((0..starts.len()).map(of_frame).collect())
 }
 
-fn read_ranges(path: &Path, ranges: &[(u64, u64)]) -> Result<Vec<u8>, ImportError> {
+fn read_ranges(path: &Path, ranges: &[(u64, u64)]) -> Result<Vec<u8>> {
     let mut file = File::open(path).map_err(ImportError::io(path))?;
     let mut bytes = vec![0; ranges.iter().map(|r| r.1 as usize).sum()];
     let mut rest = &mut bytes[..];

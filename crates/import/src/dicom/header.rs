@@ -4,7 +4,7 @@
 //! Other values are skipped, so the cost depends on the header, not on the file's size. Lengths are checked against the file before use.
 
 use crate::dicom_files::first_group_at;
-use crate::error::ImportError;
+use crate::error::{ImportError, Result};
 use crate::mapped::MappedFile;
 use crate::stamp::Stamp;
 use dicom_core::dictionary::{DataDictionary, DataDictionaryEntry};
@@ -16,7 +16,6 @@ use dicom_parser::dataset::lazy_read::LazyDataSetReader;
 use dicom_parser::{DynStatefulDecoder, StatefulDecode};
 use dicom_transfer_syntax_registry::{TransferSyntax, TransferSyntaxIndex, TransferSyntaxRegistry};
 use flate2::read::DeflateDecoder;
-use std::borrow::Cow;
 use std::cell::Cell;
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -90,13 +89,14 @@ const MOSAIC_SLICES: Tag = Tag(0x0019, 0x100a);
 type Values = BTreeMap<Tag, Arc<PrimitiveValue>>;
 
 /// Header of one DICOM file.
+#[derive(Default)]
 pub(super) struct Header {
     pub(super) path: PathBuf,
     /// The file's stamp when the header was read.
     stamp: Option<Stamp>,
     /// Start of the data set in the file, and its inflated size if it is deflated.
     body: u64,
-    inflated_bytes: u64,
+    pub(super) inflated_bytes: u64,
     /// UID of the transfer syntax.
     pub(super) syntax: String,
     top: Values,
@@ -126,29 +126,18 @@ impl Header {
     }
 
     /// Reads the header of a file, up to its pixel data.
-    pub(super) fn read(path: &Path) -> Result<Self, ImportError> {
+    pub(super) fn read(path: &Path) -> Result<Self> {
         let file = MappedFile::open(path)?;
-        let header = Self::parse(path, &file).map(|header| Self { stamp: file.stamp(), ..header });
+        let header = Self::parse(path, &file).map(|header| Self { stamp: file.stamp, ..header });
         // Even damage found counts only if the file is unchanged.
         file.confirm()?;
         header
     }
 
-    fn parse(path: &Path, map: &[u8]) -> Result<Self, ImportError> {
+    fn parse(path: &Path, map: &[u8]) -> Result<Self> {
         let not_dicom = || ImportError::invalid(path, "not a DICOM file: expected the letters DICM at byte 128");
         let (syntax, body) = read_meta(path, map, first_group_at(map).ok_or_else(not_dicom)?)?;
-        let mut header = Self {
-            path: path.to_owned(),
-            stamp: None,
-            body: body as u64,
-            inflated_bytes: 0,
-            syntax,
-            top: Values::new(),
-            shared: Values::new(),
-            frames: Vec::new(),
-            has_value_table: false,
-            pixels: None,
-        };
+        let mut header = Self { path: path.to_owned(), body: body as u64, syntax, ..Self::default() };
         if header.is_deflated() {
             header.read_deflated(map.get(body..).unwrap_or(&[]))?;
         } else {
@@ -158,7 +147,7 @@ impl Header {
     }
 
     /// Reads the header of a deflated data set, holding no more than it needs; the rest is only counted.
-    fn read_deflated(&mut self, deflated: &[u8]) -> Result<(), ImportError> {
+    fn read_deflated(&mut self, deflated: &[u8]) -> Result<()> {
         let path = self.path.clone();
         let mut inflater = DeflateDecoder::new(deflated);
         let mut start = Vec::new();
@@ -168,8 +157,7 @@ impl Header {
             let read = inflater.by_ref().take(more).read_to_end(&mut start);
             read.map_err(|error| not_inflated(&path, start.len() as u64, &error))?;
             let is_whole = (start.len() as u64) < most;
-            let (top, shared, frames) = (Values::new(), Values::new(), Vec::new());
-            (self.top, self.shared, self.frames) = (top, shared, frames);
+            self.forget_values();
             (self.has_value_table, self.pixels) = (false, None);
             match self.read_data_set(&start, 0) {
                 found if is_whole => break found?,
@@ -188,7 +176,7 @@ impl Header {
     }
 
     /// Checks that the file is unchanged since its header was read. Call it after reading, before trusting the bytes.
-    pub(super) fn confirm(&self) -> Result<(), ImportError> {
+    pub(super) fn confirm(&self) -> Result<()> {
         self.stamp.map_or(Ok(()), |stamp| stamp.check(&self.path))
     }
 
@@ -211,13 +199,8 @@ impl Header {
         self.path.as_os_str().len() + self.syntax.len()
     }
 
-    /// Inflated size of a deflated data set in bytes; 0 if the file is not deflated.
-    pub(super) fn inflated_bytes(&self) -> u64 {
-        self.inflated_bytes
-    }
-
     /// Inflates a deflated data set and returns `length` bytes from byte `first` on. Earlier bytes are not kept in memory.
-    pub(super) fn read_inflated(&self, first: u64, length: u64) -> Result<Vec<u8>, ImportError> {
+    pub(super) fn read_inflated(&self, first: u64, length: u64) -> Result<Vec<u8>> {
         let mut file = File::open(&self.path).map_err(ImportError::io(&self.path))?;
         file.seek(SeekFrom::Start(self.body)).map_err(ImportError::io(&self.path))?;
         let mut inflater = DeflateDecoder::new(file);
@@ -238,8 +221,8 @@ impl Header {
         format!("{name} ({})", self.syntax)
     }
 
-    pub(super) fn series(&self) -> Cow<'_, str> {
-        self.text(tags::SERIES_INSTANCE_UID).unwrap_or(Cow::Borrowed("(none)"))
+    pub(super) fn series(&self) -> String {
+        self.text(tags::SERIES_INSTANCE_UID).unwrap_or_else(|| "(none)".into())
     }
 
     /// Number of frames with a functional group of their own, which gives their position.
@@ -267,9 +250,7 @@ impl Header {
 
     /// Returns an element's value for a frame (counted from 0) as text without padding; `None` if it is missing or empty.
     pub(super) fn written(&self, frame: usize, tag: Tag) -> Option<String> {
-        let text = self.value(frame, tag)?.to_str();
-        let text = text.trim_matches(['\0', ' ']);
-        (!text.is_empty()).then(|| text.to_owned())
+        self.value(frame, tag).map(trimmed).filter(|text| !text.is_empty())
     }
 
     /// An element of a frame (counted from 0), else of all frames, else of the whole file.
@@ -283,16 +264,12 @@ impl Header {
         self.top.get(&tag)?.to_float64().ok().filter(|n| n.is_finite())
     }
 
-    pub(super) fn text(&self, tag: Tag) -> Option<Cow<'_, str>> {
-        let text = self.top.get(&tag)?.to_str();
-        Some(match text {
-            Cow::Borrowed(text) => Cow::Borrowed(text.trim_matches(['\0', ' '])),
-            Cow::Owned(text) => Cow::Owned(text.trim_matches(['\0', ' ']).to_owned()),
-        })
+    pub(super) fn text(&self, tag: Tag) -> Option<String> {
+        self.top.get(&tag).map(|value| trimmed(value))
     }
 
     /// Collects the needed elements up to the pixel data.
-    fn read_data_set(&mut self, bytes: &[u8], start: usize) -> Result<(), ImportError> {
+    fn read_data_set(&mut self, bytes: &[u8], start: usize) -> Result<()> {
         // Unknown syntaxes are refused when their pixels are needed; headers are explicit little endian in all but the two oldest.
         let known = [uids::IMPLICIT_VR_LITTLE_ENDIAN, EXPLICIT_BIG_ENDIAN];
         let named = known.into_iter().find(|s| *s == self.syntax).unwrap_or(uids::EXPLICIT_VR_LITTLE_ENDIAN);
@@ -381,7 +358,7 @@ impl Header {
     }
 
     /// Records a sequence of unknown representation, whose items are not read; an error if it would describe frames.
-    fn enter_unread(&mut self, parents: &[Tag], tag: Tag) -> Result<(), ImportError> {
+    fn enter_unread(&mut self, parents: &[Tag], tag: Tag) -> Result<()> {
         const GROUPS: [Tag; 2] = [tags::SHARED_FUNCTIONAL_GROUPS_SEQUENCE, tags::PER_FRAME_FUNCTIONAL_GROUPS_SEQUENCE];
         let is_needed = match parents {
             [] => GROUPS.contains(&tag),
@@ -413,6 +390,11 @@ fn as_known(header: DataElementHeader) -> DataElementHeader {
     DataElementHeader { vr: entry.map_or(header.vr, |entry| entry.vr().relaxed()), ..header }
 }
 
+/// Text without its padding.
+fn trimmed(value: &PrimitiveValue) -> String {
+    value.to_str().trim_matches(['\0', ' ']).to_owned()
+}
+
 /// Half a unit in the last decimal place of a number as written; 0 without decimals.
 fn rounding_of(text: &str) -> f64 {
     let lower = text.trim_matches(['\0', ' ']).to_ascii_lowercase();
@@ -436,7 +418,7 @@ fn written_in<'a>(bytes: &[u8], start: usize, named: &'a str) -> &'a str {
 }
 
 /// The transfer syntax named by the file's first group, and the start of the data set. Without that group, the first element decides.
-fn read_meta(path: &Path, bytes: &[u8], at: usize) -> Result<(String, usize), ImportError> {
+fn read_meta(path: &Path, bytes: &[u8], at: usize) -> Result<(String, usize)> {
     if bytes.get(at..at + 2) != Some(&[2, 0]) && at == 0 {
         return Ok((written_in(bytes, at, uids::IMPLICIT_VR_LITTLE_ENDIAN).to_owned(), at));
     }
@@ -445,7 +427,7 @@ fn read_meta(path: &Path, bytes: &[u8], at: usize) -> Result<(String, usize), Im
     while bytes.get(elements.position..elements.position + 2) == Some(&[2, 0]) {
         match elements.next()? {
             Some(Element::Value(_, header)) if header.tag == tags::TRANSFER_SYNTAX_UID => {
-                syntax = Some(elements.read(&header)?.to_str().trim_matches(['\0', ' ']).to_owned());
+                syntax = Some(trimmed(&elements.read(&header)?));
             }
             Some(Element::Value(_, header)) => elements.skip(&header)?,
             _ => break,
@@ -513,7 +495,7 @@ struct Elements<'a> {
 }
 
 impl<'a> Elements<'a> {
-    fn new(path: &'a Path, bytes: &'a [u8], start: usize, syntax: &str) -> Result<Self, ImportError> {
+    fn new(path: &'a Path, bytes: &'a [u8], start: usize, syntax: &str) -> Result<Self> {
         let syntax = TransferSyntaxRegistry
             .get(syntax)
             .ok_or_else(|| ImportError::unsupported(path, format!("transfer syntax {syntax}")))?;
@@ -521,7 +503,7 @@ impl<'a> Elements<'a> {
         Ok(Self { path, bytes, syntax, reader, read_to, position: start, sequences: Vec::new(), items: 0 })
     }
 
-    fn next(&mut self) -> Result<Option<Element<'_>>, ImportError> {
+    fn next(&mut self) -> Result<Option<Element<'_>>> {
         loop {
             let (path, position) = (self.path, self.position);
             let token = match self.reader.advance() {
@@ -549,10 +531,7 @@ impl<'a> Elements<'a> {
                         self.position = end;
                         return Ok(Some(Element::Unread(tag)));
                     }
-                    if self.sequences.len() == DEEPEST {
-                        return Err(damaged(self.path, self.position, &"sequences nest too deeply"));
-                    }
-                    self.sequences.push(tag);
+                    self.open(tag)?;
                     return Ok(Some(Element::Sequence(&self.sequences[..self.sequences.len() - 1], tag)));
                 }
                 LazyDataToken::ItemStart { .. } => {
@@ -560,12 +539,7 @@ impl<'a> Elements<'a> {
                     return Ok(Some(Element::Sequence(&self.sequences, ITEM)));
                 }
                 // A packed icon within a sequence: its fragments are skipped.
-                LazyDataToken::PixelSequenceStart => {
-                    if self.sequences.len() == DEEPEST {
-                        return Err(damaged(self.path, self.position, &"sequences nest too deeply"));
-                    }
-                    self.sequences.push(tags::PIXEL_DATA);
-                }
+                LazyDataToken::PixelSequenceStart => self.open(tags::PIXEL_DATA)?,
                 LazyDataToken::LazyItemValue { len, decoder } => {
                     check_end(path, self.bytes, decoder, tags::PIXEL_DATA, len)?;
                     decoder.skip_bytes(len).map_err(|e| damaged(path, position, &e))?;
@@ -580,6 +554,15 @@ impl<'a> Elements<'a> {
         }
     }
 
+    /// Records the start of a sequence.
+    fn open(&mut self, tag: Tag) -> Result<()> {
+        if self.sequences.len() == DEEPEST {
+            return Err(damaged(self.path, self.position, &"sequences nest too deeply"));
+        }
+        self.sequences.push(tag);
+        Ok(())
+    }
+
     /// Whether the last header is explicit and of unknown representation.
     fn is_unknown(&self) -> bool {
         let header = (self.read_to.get() as usize).checked_sub(8).and_then(|at| self.bytes.get(at..at + 2));
@@ -592,12 +575,12 @@ impl<'a> Elements<'a> {
     }
 
     /// Reads the value of the last element.
-    fn read(&mut self, header: &DataElementHeader) -> Result<PrimitiveValue, ImportError> {
+    fn read(&mut self, header: &DataElementHeader) -> Result<PrimitiveValue> {
         self.value(header, |decoder, header| decoder.read_value_preserved(header))
     }
 
     /// Skips the value of the last element.
-    fn skip(&mut self, header: &DataElementHeader) -> Result<(), ImportError> {
+    fn skip(&mut self, header: &DataElementHeader) -> Result<()> {
         self.value(header, |decoder, header| decoder.skip_bytes(header.len.0))
     }
 
@@ -605,7 +588,7 @@ impl<'a> Elements<'a> {
         &mut self,
         header: &DataElementHeader,
         take: impl FnOnce(&mut Decoder<'a>, &DataElementHeader) -> Result<T, E>,
-    ) -> Result<T, ImportError> {
+    ) -> Result<T> {
         let (path, position) = (self.path, self.position);
         let Some(Ok(LazyDataToken::LazyValue { decoder, .. })) = self.reader.advance() else {
             return Err(damaged(path, position, &"an element without a value"));
@@ -623,7 +606,7 @@ fn reader_at<'a>(
     bytes: &'a [u8],
     start: usize,
     syntax: &TransferSyntax,
-) -> Result<(LazyDataSetReader<Decoder<'a>>, Rc<Cell<u64>>), ImportError> {
+) -> Result<(LazyDataSetReader<Decoder<'a>>, Rc<Cell<u64>>)> {
     let mut cursor = Cursor::new(bytes);
     cursor.set_position(start as u64);
     let position = Rc::new(Cell::new(start as u64));
@@ -657,7 +640,7 @@ fn end_of_implicit(bytes: &[u8], mut at: usize, depth: usize) -> Option<usize> {
 }
 
 /// Refuses a value extending past the file's end.
-fn check_end(path: &Path, bytes: &[u8], decoder: &Decoder, tag: Tag, length: u32) -> Result<(), ImportError> {
+fn check_end(path: &Path, bytes: &[u8], decoder: &Decoder, tag: Tag, length: u32) -> Result<()> {
     let (end, found) = (decoder.position().saturating_add(length as u64), bytes.len());
     if end <= found as u64 {
         return Ok(());

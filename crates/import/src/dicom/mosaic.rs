@@ -5,7 +5,7 @@
 //! columns. Both are as in nibabel and dcm2niix.
 
 use super::header::Header;
-use crate::error::ImportError;
+use crate::error::{ImportError, Result};
 use brickyard_volume::{VoxelBox, counted};
 use dicom_dictionary_std::tags;
 use glam::DVec3;
@@ -35,7 +35,7 @@ impl Mosaic {
     ///
     /// # Errors
     /// If the file is a mosaic, and its header lacks the layout.
-    pub(super) fn of(header: &Header) -> Result<Option<Self>, ImportError> {
+    pub(super) fn of(header: &Header) -> Result<Option<Self>> {
         if !header.is_mosaic() {
             return Ok(None);
         }
@@ -83,7 +83,7 @@ impl Mosaic {
         corner: DVec3,
         step: [DVec3; 2],
         step_mm: f64,
-    ) -> Result<DVec3, ImportError> {
+    ) -> Result<DVec3> {
         let upright = step[0].normalize().cross(step[1].normalize());
         let (normal, sign) = (self.normal.normalize_or_zero(), self.normal.dot(upright).signum());
         // False for NaN.

@@ -2,7 +2,7 @@
 
 use super::header::Header;
 use crate::element::Endian;
-use crate::error::ImportError;
+use crate::error::{ImportError, Result};
 use brickyard_volume::{VoxelBox, VoxelType, with_voxel_type};
 use dicom_dictionary_std::tags;
 use std::path::Path;
@@ -26,14 +26,12 @@ pub(super) struct PixelFormat {
 
 impl PixelFormat {
     /// Reads the pixel format from a header and checks it.
-    pub(super) fn of(header: &Header) -> Result<Self, ImportError> {
+    pub(super) fn of(header: &Header) -> Result<Self> {
         let path = header.path.as_path();
         let need = |tag, name: &str| {
             header.number(tag).ok_or_else(|| {
-                ImportError::invalid(
-                    path,
-                    format!("{name} {tag} is missing: the layout of its pixels is not known; write the file again"),
-                )
+                let problem = "is missing: the layout of its pixels is not known; write the file again";
+                ImportError::invalid(path, format!("{name} {tag} {problem}"))
             })
         };
         let samples = header.number(tags::SAMPLES_PER_PIXEL).unwrap_or(1.0);
@@ -54,10 +52,8 @@ impl PixelFormat {
             return Err(ImportError::unsupported_but(path, feature, "8, 16 and 32 are read"));
         }
         if !(rows >= 1.0 && columns >= 1.0) {
-            return Err(ImportError::invalid(
-                path,
-                format!("is {columns} x {rows} pixels: every axis needs at least 1"),
-            ));
+            let problem = format!("is {columns} x {rows} pixels: every axis needs at least 1");
+            return Err(ImportError::invalid(path, problem));
         }
         if !(stored >= 1.0 && high + 1.0 >= stored && high < allocated) {
             let problem = format!("BitsStored {stored} and HighBit {high} do not fit into BitsAllocated {allocated}");
@@ -74,7 +70,7 @@ impl PixelFormat {
     }
 
     /// Refuses JPEG and JPEG 2000 formats that their decoders would misread.
-    pub(super) fn check_codec(&self, path: &Path, is_jpeg_2000: bool) -> Result<(), ImportError> {
+    pub(super) fn check_codec(&self, path: &Path, is_jpeg_2000: bool) -> Result<()> {
         if self.shift > 0 {
             return Err(ImportError::unsupported(path, "JPEG pixels whose HighBit is not BitsStored - 1"));
         }

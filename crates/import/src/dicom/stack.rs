@@ -3,8 +3,10 @@
 //! Positions and directions are the patient's (mm; x to the left, y to the back, z to the head: "LPS"), as in files. The resulting matrix
 //! uses NIfTI's world, x to the right and y to the front, so that volumes of one patient align in any format.
 
-use crate::error::ImportError;
+use super::pixels::Meaning;
+use crate::error::{ImportError, Result};
 use crate::note::Note;
+use crate::options::{Gaps, OpenOptions};
 use brickyard_volume::counted;
 use glam::{DMat3, DVec3};
 use std::path::PathBuf;
@@ -39,6 +41,8 @@ pub(super) struct Slice {
     pub(super) pixel_mm: [f64; 2],
     /// The file's distance or thickness of slices, mm, with the element's name: the spacing along z of a single slice.
     pub(super) step_mm: Option<(f64, &'static str)>,
+    /// Meaning of the slice's pixels.
+    pub(super) meaning: Meaning,
 }
 
 /// A stack's place in the world.
@@ -51,16 +55,6 @@ pub(super) struct Placement {
     pub(super) levels: Vec<u32>,
     /// A sentence for the user if the spacing along z was assumed, averaged or differs from the positions.
     pub(super) note: Option<Note>,
-}
-
-/// Rule for the distances between slices.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Spacing {
-    Even,
-    /// Fixed, in mm, whatever the positions say.
-    Told(f64),
-    /// Even except for missing slices, which leave gaps.
-    WithGaps,
 }
 
 /// Slices sorted along z.
@@ -89,12 +83,13 @@ impl Names<'_> {
     }
 }
 
-/// Sorts the slices by their position along the normal and places the stack.
+/// Sorts the slices by their position along the normal and places the stack. By `options`, the distance between them is even but for missing
+/// slices (`gaps`), or else fixed, whatever the positions say (`spacing`).
 ///
 /// # Errors
 /// If the slices are not one upright stack: they differ in direction or pixel size, two lie in one place, the spacing is uneven, or the
 /// stack leans.
-pub(super) fn arrange(slices: &mut [Slice], names: &Names, asked: Spacing) -> Result<Placement, ImportError> {
+pub(super) fn arrange(slices: &mut [Slice], names: &Names, options: &OpenOptions) -> Result<Placement> {
     let first = slices[0].clone();
     check_directions(slices, names)?;
     let normal = first.along_row.cross(first.along_column).normalize();
@@ -104,7 +99,7 @@ pub(super) fn arrange(slices: &mut [Slice], names: &Names, asked: Spacing) -> Re
         [one] => alone(one),
         _ => {
             let gaps: Vec<f64> = slices.windows(2).map(|pair| depth(&pair[1]) - depth(&pair[0])).collect();
-            let along = along(&gaps, slices, normal, names, asked)?;
+            let along = along(&gaps, slices, normal, names, options)?;
             check_lean(slices, normal, names)?;
             along
         }
@@ -138,15 +133,14 @@ fn alone(slice: &Slice) -> Along {
 }
 
 /// Checks that all slices have one direction and pixel size.
-fn check_directions(slices: &[Slice], names: &Names) -> Result<(), ImportError> {
+fn check_directions(slices: &[Slice], names: &Names) -> Result<()> {
     let first = &slices[0];
     let (row, column) = (first.along_row, first.along_column);
     let upright = [row.length() - 1.0, column.length() - 1.0, row.dot(column)];
     if upright.iter().any(|e| e.abs() >= 1e-3) {
+        let (row, column) = (show(row), show(column));
         let problem = format!(
-            "ImageOrientationPatient {} {} is not two perpendicular directions of length 1; write the file again",
-            show(row),
-            show(column)
+            "ImageOrientationPatient {row} {column} is not two perpendicular directions of length 1; write the file again"
         );
         return Err(names.refuse(first, problem));
     }
@@ -154,32 +148,28 @@ fn check_directions(slices: &[Slice], names: &Names) -> Result<(), ImportError> 
         let apart = [a.along_row - b.along_row, a.along_column - b.along_column];
         apart.iter().all(|d| d.length() <= DIRECTION_TOLERANCE)
     };
-    if let [most, other, ..] = kinds(slices, parallel)[..] {
-        let show = |s: &Slice| format!("{} {}", show(s.along_row), show(s.along_column));
+    if let [(most, many), (other, few), ..] = kinds(slices, parallel)[..] {
+        let (most, other) = (&slices[most], &slices[other]);
+        let [direction, of_most] = [other, most].map(|s| format!("{} {}", show(s.along_row), show(s.along_column)));
+        let such_as = names.of(most);
         let problem = format!(
-            "looks along {} (ImageOrientationPatient), as {} slices do; {} look along {}, such as {}. Slices of one \
-             volume are parallel: name the files of one direction (a series often includes localizers)",
-            show(&slices[other.0]),
-            other.1,
-            most.1,
-            show(&slices[most.0]),
-            names.of(&slices[most.0])
+            "looks along {direction} (ImageOrientationPatient), as {few} slices do; {many} look along {of_most}, such \
+             as {such_as}. Slices of one volume are parallel: name the files of one direction (a series often \
+             includes localizers)"
         );
-        return Err(names.refuse(&slices[other.0], problem));
+        return Err(names.refuse(other, problem));
     }
     let same_pixels =
         |a: &Slice, b: &Slice| (0..2).all(|i| (a.pixel_mm[i] - b.pixel_mm[i]).abs() <= 1e-4 * b.pixel_mm[i]);
-    if let [most, other, ..] = kinds(slices, same_pixels)[..] {
-        let show = |s: &Slice| format!("{} x {} mm", s.pixel_mm[0], s.pixel_mm[1]);
+    if let [(most, many), (other, few), ..] = kinds(slices, same_pixels)[..] {
+        let (most, other) = (&slices[most], &slices[other]);
+        let [[x, y], [most_x, most_y]] = [other.pixel_mm, most.pixel_mm];
+        let such_as = names.of(most);
         let problem = format!(
-            "has pixels of {}, as {} slices do; {} have pixels of {}, such as {}. Name the files of one size",
-            show(&slices[other.0]),
-            other.1,
-            most.1,
-            show(&slices[most.0]),
-            names.of(&slices[most.0])
+            "has pixels of {x} x {y} mm, as {few} slices do; {many} have pixels of {most_x} x {most_y} mm, such as \
+             {such_as}. Name the files of one size"
         );
-        return Err(names.refuse(&slices[other.0], problem));
+        return Err(names.refuse(other, problem));
     }
     Ok(())
 }
@@ -198,7 +188,7 @@ pub(super) fn kinds<T>(items: &[T], same: impl Fn(&T, &T) -> bool) -> Vec<(usize
 }
 
 /// Places sorted slices along z. They must lie apart, at distances by the rule.
-fn along(gaps: &[f64], slices: &[Slice], normal: DVec3, names: &Names, asked: Spacing) -> Result<Along, ImportError> {
+fn along(gaps: &[f64], slices: &[Slice], normal: DVec3, names: &Names, options: &OpenOptions) -> Result<Along> {
     let mut positive: Vec<f64> = gaps.iter().copied().filter(|g| *g > 1e-6).collect();
     positive.sort_by(f64::total_cmp);
     let [nearest, typical] = [0, positive.len() / 2].map(|i| positive.get(i).copied().unwrap_or(0.0));
@@ -214,8 +204,8 @@ fn along(gaps: &[f64], slices: &[Slice], normal: DVec3, names: &Names, asked: Sp
     let steps = tried.into_iter().find(|steps| with_gaps(gaps, *steps).is_some()).unwrap_or(tried[0]);
     let [least, most] = [gaps.iter().copied().fold(f64::MAX, f64::min), gaps.iter().copied().fold(0.0, f64::max)];
     let apart = format!("Slices are {least:.4} to {most:.4} mm apart");
-    match asked {
-        Spacing::Told(mm) => {
+    match (options.gaps, options.spacing) {
+        (Gaps::Refuse, Some(DVec3 { z: mm, .. })) => {
             let place = |i: usize| gaps[..i].iter().sum::<f64>();
             let moved = |i: usize| (mm * i as f64 - place(i)).abs();
             let worst = (0..slices.len()).max_by(|&a, &b| moved(a).total_cmp(&moved(b))).unwrap_or(0);
@@ -229,8 +219,8 @@ fn along(gaps: &[f64], slices: &[Slice], normal: DVec3, names: &Names, asked: Sp
         _ if is_rounding(gaps, rounding, mean) => Ok(even(Some(Note::new(format!(
             "{apart}, which the rounding of their positions explains: {mean:.4} mm is taken for all."
         ))))),
-        Spacing::WithGaps => with_gaps(gaps, steps).ok_or_else(|| uneven(gaps, steps, slices, names)),
-        Spacing::Even => Err(uneven(gaps, steps, slices, names)),
+        (Gaps::Blank, _) => with_gaps(gaps, steps).ok_or_else(|| uneven(gaps, steps, slices, names)),
+        (Gaps::Refuse, None) => Err(uneven(gaps, steps, slices, names)),
     }
 }
 
@@ -239,17 +229,15 @@ fn is_uneven(gap: f64, expected: f64) -> bool {
 }
 
 /// Checks that no two slices lie in one place.
-fn check_doubles(gaps: &[f64], typical: f64, slices: &[Slice], names: &Names) -> Result<(), ImportError> {
+fn check_doubles(gaps: &[f64], typical: f64, slices: &[Slice], names: &Names) -> Result<()> {
     let is_double = |gap: &f64| *gap <= SPACING_TOLERANCE * typical;
     let Some(at) = gaps.iter().position(is_double) else { return Ok(()) };
     let (a, b) = (&slices[at], &slices[at + 1]);
+    let (other, position, count) = (names.of(a), show(b.position), slices.len());
+    let positions = count - gaps.iter().filter(|gap| is_double(gap)).count();
     let problem = format!(
-        "has the position of {}, {}: {} slices at {} positions; name the files of one time step, echo or phase only, \
-         each once",
-        names.of(a),
-        show(b.position),
-        slices.len(),
-        slices.len() - gaps.iter().filter(|gap| is_double(gap)).count()
+        "has the position of {other}, {position}: {count} slices at {positions} positions; name the files of one time \
+         step, echo or phase only, each once"
     );
     Err(names.refuse(b, problem))
 }
@@ -302,21 +290,15 @@ fn uneven(gaps: &[f64], steps: Steps, slices: &[Slice], names: &Names) -> Import
         Some(_) => "add the missing files, or name those of an evenly spaced part".into(),
         None => {
             let ([x, y], mean) = (slices[0].pixel_mm, gaps.iter().sum::<f64>() / gaps.len() as f64);
-            format!(
-                "pass `spacing` {x},{y},{} to take the slices as evenly spaced, which moves some of them",
-                round(mean)
-            )
+            let z = round(mean);
+            format!("pass `spacing` {x},{y},{z} to take the slices as evenly spaced, which moves some of them")
         }
     };
+    let [from, to] = [at, at + 1].map(|i| format!("{} (at {})", names.of(&slices[i]), show(slices[i].position)));
+    let (gap, all) = (gaps[at], gaps.len());
     let problem = format!(
-        "slices are not evenly spaced: expected {expected:.4} mm from one to the next, found {:.4} mm from {} (at {}) to {} \
-         (at {}){found}; {count} of {} steps differ; {advice}",
-        gaps[at],
-        names.of(&slices[at]),
-        show(slices[at].position),
-        names.of(&slices[at + 1]),
-        show(slices[at + 1].position),
-        gaps.len(),
+        "slices are not evenly spaced: expected {expected:.4} mm from one to the next, found {gap:.4} mm from {from} to \
+         {to}{found}; {count} of {all} steps differ; {advice}"
     );
     names.refuse(&slices[at + 1], problem)
 }
@@ -336,7 +318,7 @@ fn is_rounding(gaps: &[f64], rounding: f64, mean: f64) -> bool {
 }
 
 /// Checks that sorted slices lie straight above one another.
-fn check_lean(slices: &[Slice], normal: DVec3, names: &Names) -> Result<(), ImportError> {
+fn check_lean(slices: &[Slice], normal: DVec3, names: &Names) -> Result<()> {
     let first = &slices[0];
     let lean = |s: &Slice| {
         let offset = s.position - first.position;
@@ -348,12 +330,11 @@ fn check_lean(slices: &[Slice], normal: DVec3, names: &Names) -> Result<(), Impo
         return Ok(());
     }
     let along = (worst.position - first.position).dot(normal);
+    let (lean, first) = (lean(worst), names.of(first));
+    let degrees = (lean / along).atan().to_degrees();
     let problem = format!(
-        "the stack leans: slices are shifted sideways by {:.3} mm over {along:.3} mm ({:.2} degrees, a tilted gantry), from {} to here; \
-         a store holds upright volumes only: resample it first (dcm2niix does)",
-        lean(worst),
-        (lean(worst) / along).atan().to_degrees(),
-        names.of(first)
+        "the stack leans: slices are shifted sideways by {lean:.3} mm over {along:.3} mm ({degrees:.2} degrees, a tilted \
+         gantry), from {first} to here; a store holds upright volumes only: resample it first (dcm2niix does)"
     );
     Err(names.refuse(worst, problem))
 }

@@ -4,7 +4,8 @@
 //! Files are not trusted: named buffers must lie in the file's folder, and declared sizes are checked before any allocation.
 
 use super::{Parts, code};
-use crate::error::ImportError;
+use crate::error::{ImportError, Result};
+use crate::files::folder_of;
 use base64::Engine;
 use base64::prelude::BASE64_STANDARD;
 use glam::{DMat3, DMat4, DVec3};
@@ -29,7 +30,7 @@ const MOST_COPIES: u64 = 8;
 /// Bytes before the parts of a binary file.
 const BINARY_HEADER: usize = 12;
 
-pub(super) fn read(path: &Path, bytes: Vec<u8>) -> Result<Parts, ImportError> {
+pub(super) fn read(path: &Path, bytes: Vec<u8>) -> Result<Parts> {
     let bad = |problem: String| ImportError::invalid(path, problem);
     let (document, blob) = document(&bytes).map_err(bad)?;
     if let Some(extension) = document.extensions_required().next() {
@@ -67,10 +68,9 @@ fn document(bytes: &[u8]) -> Result<(Document, Option<Vec<u8>>), String> {
     };
     let needed = json_bytes(&json);
     if needed > MOST_JSON_BYTES {
+        let [needed, most] = [needed, MOST_JSON_BYTES].map(|bytes| bytes >> 20);
         return Err(format!(
-            "its JSON would take up to {} MiB, more than {}: save the mesh with fewer nodes",
-            needed >> 20,
-            MOST_JSON_BYTES >> 20
+            "its JSON would take up to {needed} MiB, more than {most}: save the mesh with fewer nodes"
         ));
     }
     let root: gltf::json::Root = gltf::json::deserialize::from_slice(&json).map_err(|error| not_gltf(error.into()))?;
@@ -138,17 +138,16 @@ fn check_size(nodes: &[(Node<'_>, DMat4)], buffers: &[Vec<u8>]) -> Result<(), St
     let own: u64 = buffers.iter().map(|buffer| buffer.len() as u64).sum();
     let most = MOST_PLACED_BYTES.max(own.saturating_mul(MOST_COPIES));
     if needed > most {
+        let [needed, most] = [needed, most].map(|bytes| bytes >> 20);
         return Err(format!(
-            "with all its copies the mesh would take {} MiB, more than {}: save it with fewer nodes of the same mesh",
-            needed >> 20,
-            most >> 20
+            "with all its copies the mesh would take {needed} MiB, more than {most}: save it with fewer nodes of the same mesh"
         ));
     }
     Ok(())
 }
 
 /// Reads each buffer: in the file itself, beside it, or encoded in its URI.
-fn buffers(path: &Path, document: &Document, mut blob: Option<Vec<u8>>) -> Result<Vec<Vec<u8>>, ImportError> {
+fn buffers(path: &Path, document: &Document, mut blob: Option<Vec<u8>>) -> Result<Vec<Vec<u8>>> {
     let mut buffers = Vec::new();
     let mut named = Vec::new();
     for buffer in document.buffers() {
@@ -183,13 +182,13 @@ fn buffers(path: &Path, document: &Document, mut blob: Option<Vec<u8>>) -> Resul
 }
 
 /// Resolves a name to a file in the folder of `path`, or below; `None` if it leads elsewhere.
-fn file_beside(path: &Path, uri: &str) -> Result<Option<PathBuf>, ImportError> {
+fn file_beside(path: &Path, uri: &str) -> Result<Option<PathBuf>> {
     let name = PathBuf::from(unescaped(uri));
     let is_below = name.components().all(|part| matches!(part, Component::Normal(_) | Component::CurDir));
     if uri.contains(':') || !is_below {
         return Ok(None);
     }
-    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let folder = folder_of(path);
     let beside = folder.join(name);
     // Links, too, must lead there.
     let real = |path: &Path| path.canonicalize().map_err(ImportError::io(path));

@@ -1,11 +1,11 @@
 //! Wavefront OBJ: all objects and groups of a file together. Colours are the vertices'; materials, in other files, are not read.
 
 use super::{Parts, code};
-use crate::error::ImportError;
+use crate::error::{ImportError, Result};
 use std::io::Cursor;
 use std::path::Path;
 
-pub(super) fn read(path: &Path, bytes: Vec<u8>) -> Result<Parts, ImportError> {
+pub(super) fn read(path: &Path, bytes: Vec<u8>) -> Result<Parts> {
     let options = tobj::LoadOptions { triangulate: true, single_index: true, ignore_points: true, ignore_lines: true };
     let no_materials = |_: &Path| Ok(Default::default());
     let (models, _) = tobj::load_obj_buf(&mut Cursor::new(bytes), &options, no_materials)

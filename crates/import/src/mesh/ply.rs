@@ -1,13 +1,13 @@
 //! PLY, text or binary of either byte order: elements `vertex` and `face`; others are skipped.
 
 use super::{Parts, code};
-use crate::error::ImportError;
+use crate::error::{ImportError, Result};
 use ply_rs_bw::parser::{ParseError, Parser, Reader};
 use ply_rs_bw::ply::{ElementDef, Header, PropertyAccess, PropertyAccessResult};
 use std::io::Cursor;
 use std::path::Path;
 
-pub(super) fn read(path: &Path, bytes: Vec<u8>) -> Result<Parts, ImportError> {
+pub(super) fn read(path: &Path, bytes: Vec<u8>) -> Result<Parts> {
     let bad = |error: ParseError| {
         // The library shows the whole line, which may be the whole file.
         let text: String = error.to_string().split('\n').next().unwrap_or_default().chars().take(200).collect();

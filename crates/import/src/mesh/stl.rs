@@ -2,7 +2,7 @@
 //! triangles anyway.
 
 use super::Parts;
-use crate::error::ImportError;
+use crate::error::{ImportError, Result};
 use std::io::Cursor;
 use std::path::Path;
 
@@ -10,7 +10,7 @@ use std::path::Path;
 const HEADER: usize = 84;
 const TRIANGLE: usize = 50;
 
-pub(super) fn read(path: &Path, mut bytes: Vec<u8>) -> Result<Parts, ImportError> {
+pub(super) fn read(path: &Path, mut bytes: Vec<u8>) -> Result<Parts> {
     let is_text = bytes.starts_with(b"solid");
     match binary_len(&bytes) {
         // Many programs write binary files that begin like text: then only the size decides.

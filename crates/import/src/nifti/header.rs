@@ -1,54 +1,33 @@
 //! The two NIfTI headers as one struct, with every field checked.
 
-use crate::axes::{Axis, AxisOrder};
-use crate::element::{Element, Endian, Scale};
-use crate::error::ImportError;
+use crate::axes::{Axis, AxisOrder, Sizes};
+use crate::element::{Decode, Element, Endian, Scale};
+use crate::error::{ImportError, Result};
+use crate::raw::ArrayLayout;
 use brickyard_volume::{Extent, VoxelType};
 use std::io::Read;
 use std::path::Path;
 
-/// Checked fields of a NIfTI-1 or NIfTI-2 header, as far as a volume needs them.
-#[derive(Clone, Debug)]
+/// A checked NIfTI-1 or NIfTI-2 header.
 pub(super) struct Header {
-    pub(super) endian: Endian,
     pub(super) single_file: bool,
-    pub(super) extent: Extent,
-    pub(super) times: u32,
-    pub(super) channels: u32,
-    pub(super) element: Element,
-    pub(super) body_offset: u64,
-    /// First the handedness factor (the sign of the third axis), then the voxel sizes along x, y, z.
-    pub(super) pixdim: [f64; 4],
-    /// Slope and intercept of the values; `None` if they change nothing.
-    pub(super) scale: Option<Scale>,
-    /// Unit of length in `xyzt_units`: 1 metre, 2 millimetre, 3 micrometre.
-    pub(super) space_unit: u8,
-    /// Distance from one time step to the next, or along whatever else the fourth axis is.
-    pub(super) time_step: f64,
-    /// Unit of the fourth axis in `xyzt_units`: 8 second, 16 millisecond, 24 microsecond; greater ones are no times.
-    pub(super) time_unit: u8,
-    pub(super) time_start: f64,
-    pub(super) qform_code: i32,
-    pub(super) sform_code: i32,
-    /// Components b, c, d of the rotation quaternion of the qform.
-    pub(super) quaternion: [f64; 3],
-    pub(super) qoffset: [f64; 3],
-    /// Rows of the affine matrix of the sform.
-    pub(super) srow: [[f64; 4]; 3],
+    /// The voxels in the body's file.
+    pub(super) array: ArrayLayout,
+    pub(super) fields: Fields,
 }
 
 impl Header {
-    pub(super) fn read(stream: &mut impl Read, path: &Path) -> Result<Self, ImportError> {
+    pub(super) fn read(stream: &mut impl Read, path: &Path) -> Result<Self> {
         let mut bytes = Vec::with_capacity(540);
         stream.take(540).read_to_end(&mut bytes).map_err(|error| {
             ImportError::invalid(path, format!("compressed data cut short or damaged inside the header: {error}"))
         })?;
         let size = bytes.first_chunk::<4>().copied().unwrap_or_default();
-        let (fields, two) = match (i32::from_le_bytes(size), i32::from_be_bytes(size)) {
-            (348, _) => (Fields { bytes: &bytes, endian: Endian::Little }, false),
-            (_, 348) => (Fields { bytes: &bytes, endian: Endian::Big }, false),
-            (540, _) => (Fields { bytes: &bytes, endian: Endian::Little }, true),
-            (_, 540) => (Fields { bytes: &bytes, endian: Endian::Big }, true),
+        let (endian, two) = match (i32::from_le_bytes(size), i32::from_be_bytes(size)) {
+            (348, _) => (Endian::Little, false),
+            (_, 348) => (Endian::Big, false),
+            (540, _) => (Endian::Little, true),
+            (_, 540) => (Endian::Big, true),
             _ => return Err(ImportError::invalid(path, "not a NIfTI file: it starts with neither 348 nor 540")),
         };
         let needed = if two { 540 } else { 348 };
@@ -66,19 +45,14 @@ impl Header {
             }
             (_, true) => return Err(ImportError::invalid(path, "a 540-byte header without the NIfTI-2 magic")),
         };
-        let raw = if two { fields.version_2() } else { fields.version_1() };
-        raw.checked(fields.endian, single_file, needed as u64).map_err(|refusal| match refusal {
+        let fields = Bytes { bytes: &bytes, endian, two }.fields();
+        fields.checked(endian, single_file, needed as u64).map_err(|refusal| match refusal {
             Refusal::Invalid(problem) => ImportError::invalid(path, problem),
             Refusal::Unsupported(feature) => {
                 let advice = "write it again as plain numbers in up to five dimensions (nibabel, fslsplit)";
                 ImportError::unsupported_but(path, feature, advice)
             }
         })
-    }
-
-    /// Order of the array's axes. The fifth dimension, read as channels, is the slowest.
-    pub(super) fn axes(&self) -> AxisOrder {
-        AxisOrder::of(&[Axis::C, Axis::T, Axis::Z, Axis::Y, Axis::X])
     }
 }
 
@@ -87,52 +61,41 @@ enum Refusal {
     Unsupported(String),
 }
 
-/// Header fields as stored in the file.
-struct RawHeader {
+/// Header fields as stored in the file, as far as a volume needs them.
+pub(super) struct Fields {
     dim: [i64; 8],
     datatype: i16,
     bitpix: i16,
-    pixdim: [f64; 5],
-    time_start: f64,
+    /// First the handedness factor (the sign of the third axis), then the voxel sizes along x, y, z, and the distance from one time step to
+    /// the next, or along whatever else the fourth axis is.
+    pub(super) pixdim: [f64; 5],
+    pub(super) time_start: f64,
     vox_offset: f64,
     slope: f64,
     intercept: f64,
-    xyzt_units: u8,
-    qform_code: i32,
-    sform_code: i32,
-    quaternion: [f64; 3],
-    qoffset: [f64; 3],
-    srow: [[f64; 4]; 3],
+    /// Unit of length (1 metre, 2 millimetre, 3 micrometre), plus that of the fourth axis (8 second, 16 millisecond, 24 microsecond; greater
+    /// ones are no times).
+    pub(super) xyzt_units: u8,
+    pub(super) qform_code: i32,
+    pub(super) sform_code: i32,
+    /// Components b, c, d of the rotation quaternion of the qform.
+    pub(super) quaternion: [f64; 3],
+    pub(super) qoffset: [f64; 3],
+    /// Rows of the affine matrix of the sform.
+    pub(super) srow: [[f64; 4]; 3],
 }
 
-impl RawHeader {
+impl Fields {
     fn checked(self, endian: Endian, single_file: bool, header_bytes: u64) -> Result<Header, Refusal> {
-        let [extent, [times, channels, _]] = self.dimensions()?;
-        let element = self.element()?;
-        Ok(Header {
-            endian,
-            single_file,
-            extent: Extent::from_array(extent),
-            times,
-            channels,
-            element,
-            body_offset: self.body_offset(single_file, header_bytes)?,
-            pixdim: [0, 1, 2, 3].map(|i| self.pixdim[i]),
-            scale: self.scale()?,
-            space_unit: self.xyzt_units & 7,
-            time_step: self.pixdim[4],
-            time_unit: self.xyzt_units & 56,
-            time_start: self.time_start,
-            qform_code: self.qform_code,
-            sform_code: self.sform_code,
-            quaternion: self.quaternion,
-            qoffset: self.qoffset,
-            srow: self.srow,
-        })
+        let (sizes, element) = (self.sizes()?, self.element()?);
+        let offset = self.body_offset(single_file, header_bytes)?;
+        let decode = Decode { element, endian, scale: self.scale()? };
+        // The fifth dimension, read as channels, is the slowest.
+        let axes = AxisOrder::of(&[Axis::C, Axis::T, Axis::Z, Axis::Y, Axis::X]);
+        Ok(Header { single_file, array: ArrayLayout { sizes, axes, decode, offset }, fields: self })
     }
 
-    /// Sizes `[[x, y, z], [t, c, 1]]`.
-    fn dimensions(&self) -> Result<[[u32; 3]; 2], Refusal> {
+    fn sizes(&self) -> Result<Sizes, Refusal> {
         let count = self.dim[0];
         if !(1..=7).contains(&count) {
             return Err(Refusal::Invalid(format!("claims {count} dimensions; NIfTI has 1 to 7")));
@@ -143,11 +106,11 @@ impl RawHeader {
                 Refusal::Invalid(format!("dimensions {:?}: every one must be 1 or more", &self.dim[1..=count as usize]))
             })?;
         }
-        let [x, y, z, t, c, rest @ ..] = sizes;
+        let [x, y, z, times, channels, rest @ ..] = sizes;
         if rest != [1, 1] {
             return Err(Refusal::Unsupported(format!("a sixth or seventh dimension ({rest:?})")));
         }
-        Ok([[x, y, z], [t, c, 1]])
+        Ok(Sizes { extent: Extent::new(x, y, z), channels, times })
     }
 
     fn element(&self) -> Result<Element, Refusal> {
@@ -174,14 +137,9 @@ impl RawHeader {
                 return Err(Refusal::Unsupported(format!("datatype {code} ({name})")));
             }
         };
-        if self.bitpix as usize != element.bytes() * 8 {
-            let problem = format!(
-                "datatype {} has {} bits, but bitpix says {}",
-                element.name(),
-                element.bytes() * 8,
-                self.bitpix
-            );
-            return Err(Refusal::Invalid(problem));
+        let (name, bits, bitpix) = (element.name(), element.bytes() * 8, self.bitpix);
+        if bitpix as usize != bits {
+            return Err(Refusal::Invalid(format!("datatype {name} has {bits} bits, but bitpix says {bitpix}")));
         }
         Ok(element)
     }
@@ -217,12 +175,14 @@ impl RawHeader {
 }
 
 /// Numbers at byte positions of a header of checked length.
-struct Fields<'a> {
+struct Bytes<'a> {
     bytes: &'a [u8],
     endian: Endian,
+    /// Whether it is of NIfTI-2.
+    two: bool,
 }
 
-impl Fields<'_> {
+impl Bytes<'_> {
     fn at<const N: usize>(&self, offset: usize) -> [u8; N] {
         let mut bytes = [0; N];
         bytes.copy_from_slice(&self.bytes[offset..offset + N]);
@@ -259,43 +219,27 @@ impl Fields<'_> {
         f64::from_le_bytes(self.at(offset))
     }
 
-    fn version_1(&self) -> RawHeader {
-        let f32s = |start: usize| move |i: usize| self.f32(start + 4 * i);
-        RawHeader {
-            dim: std::array::from_fn(|i| self.i16(40 + 2 * i) as i64),
-            datatype: self.i16(70),
-            bitpix: self.i16(72),
-            pixdim: std::array::from_fn(f32s(76)),
-            time_start: self.f32(136),
-            vox_offset: self.f32(108),
-            slope: self.exact_f32(112),
-            intercept: self.exact_f32(116),
-            xyzt_units: self.bytes[123],
-            qform_code: self.i16(252) as i32,
-            sform_code: self.i16(254) as i32,
-            quaternion: std::array::from_fn(f32s(256)),
-            qoffset: std::array::from_fn(f32s(268)),
-            srow: std::array::from_fn(|row| std::array::from_fn(f32s(280 + 16 * row))),
-        }
-    }
-
-    fn version_2(&self) -> RawHeader {
-        let f64s = |start: usize| move |i: usize| self.f64(start + 8 * i);
-        RawHeader {
-            dim: std::array::from_fn(|i| self.i64(16 + 8 * i)),
-            datatype: self.i16(12),
-            bitpix: self.i16(14),
-            pixdim: std::array::from_fn(f64s(104)),
-            time_start: self.f64(216),
-            vox_offset: self.i64(168) as f64,
-            slope: self.f64(176),
-            intercept: self.f64(184),
-            xyzt_units: (self.i32(500) & 0xff) as u8,
-            qform_code: self.i32(344),
-            sform_code: self.i32(348),
-            quaternion: std::array::from_fn(f64s(352)),
-            qoffset: std::array::from_fn(f64s(376)),
-            srow: std::array::from_fn(|row| std::array::from_fn(f64s(400 + 32 * row))),
+    /// Reads every field, given with its bytes in NIfTI-1 and in NIfTI-2.
+    fn fields(&self) -> Fields {
+        let two = self.two;
+        let code = |one, at| if two { self.i32(at) } else { self.i16(one).into() };
+        let exact = |one, at| if two { self.f64(at) } else { self.exact_f32(one) };
+        let number = |one, at, i| if two { self.f64(at + 8 * i) } else { self.f32(one + 4 * i) };
+        Fields {
+            dim: std::array::from_fn(|i| if two { self.i64(16 + 8 * i) } else { self.i16(40 + 2 * i).into() }),
+            datatype: self.i16(if two { 12 } else { 70 }),
+            bitpix: self.i16(if two { 14 } else { 72 }),
+            pixdim: std::array::from_fn(|i| number(76, 104, i)),
+            time_start: number(136, 216, 0),
+            vox_offset: if two { self.i64(168) as f64 } else { self.f32(108) },
+            slope: exact(112, 176),
+            intercept: exact(116, 184),
+            xyzt_units: if two { (self.i32(500) & 0xff) as u8 } else { self.bytes[123] },
+            qform_code: code(252, 344),
+            sform_code: code(254, 348),
+            quaternion: std::array::from_fn(|i| number(256, 352, i)),
+            qoffset: std::array::from_fn(|i| number(268, 376, i)),
+            srow: std::array::from_fn(|row| std::array::from_fn(|i| number(280, 400, 4 * row + i))),
         }
     }
 }

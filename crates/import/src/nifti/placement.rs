@@ -1,7 +1,7 @@
 //! Placement of a NIfTI volume: spacing from `pixdim`, position from the sform or, without one, the qform; times from `pixdim`
 //! and `toffset`.
 
-use super::header::Header;
+use super::header::Fields;
 use crate::note::Note;
 use crate::placement::set_matrix;
 use crate::source::SourceInfo;
@@ -12,7 +12,7 @@ use glam::DVec3;
 const SPACING_TOLERANCE: f64 = 1e-3;
 
 /// Fills the geometry and orientation of `info` from a header, and adds notes on omissions and contradictions.
-pub(super) fn place(header: &Header, info: &mut SourceInfo, notes: &mut Vec<Note>) {
+pub(super) fn place(header: &Fields, info: &mut SourceInfo, notes: &mut Vec<Note>) {
     let sizes = [1, 2, 3].map(|i| header.pixdim[i].abs());
     let sound = sizes.map(|s| s > 0.0 && s.is_finite());
     let spacing: [f64; 3] = std::array::from_fn(|a| if sound[a] { sizes[a] } else { 1.0 });
@@ -23,7 +23,7 @@ pub(super) fn place(header: &Header, info: &mut SourceInfo, notes: &mut Vec<Note
             "Voxel sizes {sizes:?} in the header must be positive; 1 is taken for invalid ones."
         )));
     }
-    info.geometry.unit = match header.space_unit {
+    info.geometry.unit = match header.xyzt_units & 7 {
         1 => Some("meter".into()),
         2 => Some("millimeter".into()),
         3 => Some("micrometer".into()),
@@ -46,11 +46,11 @@ pub(super) fn place(header: &Header, info: &mut SourceInfo, notes: &mut Vec<Note
 }
 
 /// Fills the time axis of `info` from a header, with a note if its steps are not of time.
-pub(super) fn set_time(header: &Header, info: &mut SourceInfo, notes: &mut Vec<Note>) {
+pub(super) fn set_time(header: &Fields, info: &mut SourceInfo, notes: &mut Vec<Note>) {
     if info.times < 2 {
         return;
     }
-    let unit = match header.time_unit {
+    let unit = match header.xyzt_units & 56 {
         0 => None,
         8 => Some("second"),
         16 => Some("millisecond"),
@@ -61,12 +61,12 @@ pub(super) fn set_time(header: &Header, info: &mut SourceInfo, notes: &mut Vec<N
             return;
         }
     };
+    let (start, step) = (header.time_start, header.pixdim[4]);
     // Default values, left by programs without times.
-    if unit.is_none() && (header.time_step == 1.0 || header.time_step == 0.0) && header.time_start == 0.0 {
+    if unit.is_none() && (step == 1.0 || step == 0.0) && start == 0.0 {
         return;
     }
-    let start = header.time_start;
-    let axis = TimeAxis { start, step: header.time_step, stamps: Vec::new(), unit: unit.map(str::to_owned) };
+    let axis = TimeAxis { start, step, stamps: Vec::new(), unit: unit.map(str::to_owned) };
     match axis.check(info.times) {
         Ok(()) => info.time = Some(axis),
         Err(problem) => notes.push(Note::warning(format!("The header's time axis is left out: {problem}."))),
@@ -74,7 +74,7 @@ pub(super) fn set_time(header: &Header, info: &mut SourceInfo, notes: &mut Vec<N
 }
 
 /// Rows of world-from-index, if the header has them.
-fn affine(header: &Header, spacing: [f64; 3]) -> Option<[[f64; 4]; 3]> {
+fn affine(header: &Fields, spacing: [f64; 3]) -> Option<[[f64; 4]; 3]> {
     if header.sform_code > 0 {
         return Some(header.srow);
     }

@@ -2,7 +2,7 @@
 //! noise over everything.
 
 use super::turbulence::{Turbulence, TurbulenceRows};
-use super::{RowField, centre, mix, round_bits, smoothstep};
+use super::{centre, mix, round_bits, smoothstep};
 use brickyard_volume::{Extent, VoxelBox};
 use std::ops::Range;
 use std::sync::LazyLock;
@@ -139,10 +139,8 @@ impl<'a> Ct<'a> {
             *u += sum as f32 * scale;
         }
     }
-}
 
-impl RowField for Ct<'_> {
-    fn row(&mut self, y: u32, z: u32, units: &mut [f32]) {
+    pub(super) fn row(&mut self, y: u32, z: u32, units: &mut [f32]) {
         let (v, w) = (signed(y, self.extent.y), signed(z, self.extent.z));
         let yz_square = v * v + w * w;
         let ball = self.ball(yz_square);

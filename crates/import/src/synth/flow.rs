@@ -1,7 +1,7 @@
 //! The kind `flow`: a winding, rising plume with turbulence carried inside it, nothing around it.
 
-use super::turbulence::{Turbulence, TurbulenceRows};
-use super::{RowField, centre};
+use super::centre;
+use super::turbulence::Turbulence;
 use brickyard_volume::{Extent, VoxelBox};
 use std::f64::consts::TAU;
 
@@ -12,31 +12,20 @@ const RISE: f64 = 1.0 / 64.0;
 const RIM: f64 = 0.45;
 const MOST_TURBULENCE: f64 = 2.0;
 
-pub(super) struct Flow<'a> {
-    noise: TurbulenceRows<'a>,
-    /// Phase of the winding, in turns.
-    phase: f64,
+pub(super) fn rows(
+    noise: &Turbulence,
+    time: u32,
     extent: Extent,
-    /// Position of the box's voxels along x in the unit interval.
-    x: Vec<f32>,
-}
-
-impl<'a> Flow<'a> {
-    pub(super) fn new(noise: &'a Turbulence, time: u32, extent: Extent, region: VoxelBox) -> Self {
-        let drift = [0.0, 0.0, RISE * time as f64];
-        Self {
-            noise: noise.rows(extent, region, drift),
-            phase: RISE * time as f64,
-            extent,
-            x: (region.min.x..region.max.x).map(|i| centre(i, extent.x) as f32).collect(),
-        }
-    }
-}
-
-impl RowField for Flow<'_> {
-    fn row(&mut self, y: u32, z: u32, units: &mut [f32]) {
-        let (y_place, height) = (centre(y, self.extent.y), centre(z, self.extent.z));
-        let turn = TAU * (1.2 * height - self.phase);
+    region: VoxelBox,
+) -> impl FnMut(u32, u32, &mut [f32]) {
+    // Phase of the winding, in turns, and the way of the turbulence.
+    let phase = RISE * time as f64;
+    let mut noise = noise.rows(extent, region, [0.0, 0.0, phase]);
+    // Position of the box's voxels along x in the unit interval.
+    let places: Vec<f32> = (region.min.x..region.max.x).map(|i| centre(i, extent.x) as f32).collect();
+    move |y, z, units| {
+        let (y_place, height) = (centre(y, extent.y), centre(z, extent.z));
+        let turn = TAU * (1.2 * height - phase);
         let sway = 0.04 + 0.14 * height;
         let (axis_x, axis_y) = (0.5 + sway * turn.cos(), 0.5 + sway * turn.sin());
         let width = 0.06 + 0.22 * height;
@@ -44,15 +33,15 @@ impl RowField for Flow<'_> {
         units.fill(0.0);
         // Half of the plume along x under the greatest shift of its rim.
         let half = (1.0 + RIM * MOST_TURBULENCE - across * across).max(0.0).sqrt() * width;
-        let plume = self.x.partition_point(|x| (*x as f64) < axis_x - half)
-            ..self.x.partition_point(|x| (*x as f64) <= axis_x + half);
+        let plume = places.partition_point(|x| (*x as f64) < axis_x - half)
+            ..places.partition_point(|x| (*x as f64) <= axis_x + half);
         if plume.is_empty() {
             return;
         }
-        self.noise.row(y, z, plume.clone(), units);
+        noise.row(y, z, plume.clone(), units);
         let (axis, narrow, across) = (axis_x as f32, (1.0 / width) as f32, (across * across) as f32);
         let thin = (235.0 - 90.0 * height) as f32;
-        for (u, x) in units[plume.clone()].iter_mut().zip(&self.x[plume]) {
+        for (u, x) in units[plume.clone()].iter_mut().zip(&places[plume]) {
             let t = u.clamp(-MOST_TURBULENCE as f32, MOST_TURBULENCE as f32);
             let d = (x - axis) * narrow;
             let inside = (1.0 - (d * d + across) + RIM as f32 * t).clamp(0.0, 1.0);

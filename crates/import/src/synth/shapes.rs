@@ -1,6 +1,6 @@
 //! The kinds with a formula: marschner-lobb, spheres, sparse, ramp.
 
-use super::{RowField, SPARSE_LAST_UNITS, centre, uniform};
+use super::{SPARSE_LAST_UNITS, centre, uniform};
 use brickyard_volume::{Extent, VoxelBox};
 use glam::DVec3;
 use std::f64::consts::PI;
@@ -26,30 +26,18 @@ fn ml_depth(z: f64) -> f64 {
 }
 
 /// Rows of the Marschner-Lobb signal: the same ripple in every plane, plus a value depending on z alone.
-pub(super) struct MarschnerLobb {
-    extent: Extent,
-    min_x: u32,
-    min_y: u32,
-    /// Ripple of the rows so far, kept from plane to plane.
-    ripple: Vec<f32>,
-}
-
-impl MarschnerLobb {
-    pub(super) fn new(extent: Extent, region: VoxelBox) -> Self {
-        Self { extent, min_x: region.min.x, min_y: region.min.y, ripple: Vec::new() }
-    }
-}
-
-impl RowField for MarschnerLobb {
-    fn row(&mut self, y: u32, z: u32, units: &mut [f32]) {
-        let start = (y - self.min_y) as usize * units.len();
-        if self.ripple.len() == start {
-            let v = 2.0 * centre(y, self.extent.y) - 1.0;
-            let u = |i: usize| 2.0 * centre(self.min_x + i as u32, self.extent.x) - 1.0;
-            self.ripple.extend((0..units.len()).map(|i| ml_ripple(u(i), v) as f32));
+pub(super) fn marschner_lobb_rows(extent: Extent, region: VoxelBox) -> impl FnMut(u32, u32, &mut [f32]) {
+    // Ripple of the rows so far, kept from plane to plane.
+    let mut ripple: Vec<f32> = Vec::new();
+    move |y, z, units| {
+        let start = (y - region.min.y) as usize * units.len();
+        if ripple.len() == start {
+            let v = 2.0 * centre(y, extent.y) - 1.0;
+            let u = |i: usize| 2.0 * centre(region.min.x + i as u32, extent.x) - 1.0;
+            ripple.extend((0..units.len()).map(|i| ml_ripple(u(i), v) as f32));
         }
-        let depth = ml_depth(2.0 * centre(z, self.extent.z) - 1.0) as f32;
-        for (o, r) in units.iter_mut().zip(&self.ripple[start..]) {
+        let depth = ml_depth(2.0 * centre(z, extent.z) - 1.0) as f32;
+        for (o, r) in units.iter_mut().zip(&ripple[start..]) {
             *o = r + depth;
         }
     }
@@ -60,22 +48,11 @@ pub(super) fn ramp_at(p: DVec3) -> f64 {
     255.0 * (p.x + p.y + p.z) / 3.0
 }
 
-pub(super) struct Ramp {
-    extent: Extent,
-    min_x: u32,
-}
-
-impl Ramp {
-    pub(super) fn new(extent: Extent, region: VoxelBox) -> Self {
-        Self { extent, min_x: region.min.x }
-    }
-}
-
-impl RowField for Ramp {
-    fn row(&mut self, y: u32, z: u32, units: &mut [f32]) {
-        let (py, pz) = (centre(y, self.extent.y), centre(z, self.extent.z));
-        for (i, u) in (self.min_x..).zip(units) {
-            *u = ramp_at(DVec3::new(centre(i, self.extent.x), py, pz)) as f32;
+pub(super) fn ramp_rows(extent: Extent, region: VoxelBox) -> impl FnMut(u32, u32, &mut [f32]) {
+    move |y, z, units| {
+        let (py, pz) = (centre(y, extent.y), centre(z, extent.z));
+        for (i, u) in (region.min.x..).zip(units) {
+            *u = ramp_at(DVec3::new(centre(i, extent.x), py, pz)) as f32;
         }
     }
 }
@@ -108,7 +85,7 @@ impl Ball {
 }
 
 /// Paints the balls that intersect a box, row by row. Where several overlap, the greatest value counts.
-pub(super) struct BallRows {
+struct BallRows {
     balls: Vec<Ball>,
     /// Ball space from voxel space.
     scale: DVec3,
@@ -121,10 +98,8 @@ impl BallRows {
         let balls = balls.iter().filter(|b| !b.misses(lo, hi)).copied().collect();
         Self { balls, scale, min_x: region.min.x }
     }
-}
 
-impl RowField for BallRows {
-    fn row(&mut self, y: u32, z: u32, units: &mut [f32]) {
+    fn row(&self, y: u32, z: u32, units: &mut [f32]) {
         units.fill(0.0);
         for ball in &self.balls {
             let mut p = DVec3::new(0.0, y as f64 + 0.5, z as f64 + 0.5) * self.scale;
@@ -167,12 +142,17 @@ impl Spheres {
         self.0.iter().map(|b| b.at(p)).fold(0.0, f64::max)
     }
 
-    pub(super) fn rows(&self, extent: Extent, region: VoxelBox) -> BallRows {
+    fn in_box(&self, extent: Extent, region: VoxelBox) -> BallRows {
         BallRows::new(&self.0, corner(extent.to_array()).recip(), region)
     }
 
+    pub(super) fn rows(&self, extent: Extent, region: VoxelBox) -> impl FnMut(u32, u32, &mut [f32]) {
+        let balls = self.in_box(extent, region);
+        move |y, z, units| balls.row(y, z, units)
+    }
+
     pub(super) fn is_zero_in(&self, extent: Extent, region: VoxelBox) -> bool {
-        self.rows(extent, region).balls.is_empty()
+        self.in_box(extent, region).balls.is_empty()
     }
 }
 
@@ -211,24 +191,15 @@ impl Sparse {
             && BallRows::new(&self.balls, DVec3::ONE, region).balls.is_empty()
     }
 
-    pub(super) fn rows(&self, region: VoxelBox) -> SparseRows {
-        SparseRows { balls: BallRows::new(&self.balls, DVec3::ONE, region), last: self.last(), end_x: region.max.x }
-    }
-}
-
-pub(super) struct SparseRows {
-    balls: BallRows,
-    last: [u32; 3],
-    end_x: u32,
-}
-
-impl RowField for SparseRows {
-    fn row(&mut self, y: u32, z: u32, units: &mut [f32]) {
-        self.balls.row(y, z, units);
-        if [self.end_x - 1, y, z] == self.last
-            && let Some(u) = units.last_mut()
-        {
-            *u = SPARSE_LAST_UNITS as f32;
+    pub(super) fn rows(&self, region: VoxelBox) -> impl FnMut(u32, u32, &mut [f32]) {
+        let (balls, last) = (BallRows::new(&self.balls, DVec3::ONE, region), self.last());
+        move |y, z, units| {
+            balls.row(y, z, units);
+            if [region.max.x - 1, y, z] == last
+                && let Some(u) = units.last_mut()
+            {
+                *u = SPARSE_LAST_UNITS as f32;
+            }
         }
     }
 }

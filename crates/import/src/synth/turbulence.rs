@@ -3,7 +3,7 @@
 //! For a box the lattice is blended along z once a plane and along y once a row; along x each lattice cell is then a
 //! parabola, evaluated over the cell's voxels in a plain loop.
 
-use super::{RowField, centre, mix};
+use super::{centre, mix};
 use brickyard_volume::{Extent, VoxelBox};
 use std::ops::Range;
 
@@ -201,17 +201,10 @@ impl OctaveRows {
 }
 
 /// The kind `turbulence`: the field around the middle of the range.
-pub(super) struct Haze<'a>(TurbulenceRows<'a>);
-
-impl<'a> Haze<'a> {
-    pub(super) fn new(noise: &'a Turbulence, extent: Extent, region: VoxelBox) -> Self {
-        Self(noise.rows(extent, region, [0.0; 3]))
-    }
-}
-
-impl RowField for Haze<'_> {
-    fn row(&mut self, y: u32, z: u32, units: &mut [f32]) {
-        self.0.row(y, z, 0..units.len(), units);
+pub(super) fn haze(noise: &Turbulence, extent: Extent, region: VoxelBox) -> impl FnMut(u32, u32, &mut [f32]) {
+    let mut noise = noise.rows(extent, region, [0.0; 3]);
+    move |y, z, units| {
+        noise.row(y, z, 0..units.len(), units);
         for u in units {
             *u = 128.0 + 45.0 * *u;
         }

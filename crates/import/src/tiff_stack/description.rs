@@ -14,7 +14,7 @@ use crate::element::{Element, Scale};
 use crate::note::Note;
 use crate::options::NoData;
 use crate::source::SourceInfo;
-use crate::step_time::StepTime;
+use crate::step_time::{StepTime, TimeSpan};
 use brickyard_volume::{ChannelLook, Extent, TimeAxis, VoxelType, time_unit};
 use glam::DVec3;
 
@@ -105,7 +105,7 @@ impl Declared {
     }
 
     pub(super) fn planes(&self) -> u64 {
-        (self.z as u64).saturating_mul(self.channels as u64).saturating_mul(self.times as u64)
+        self.sizes([1, 1]).planes()
     }
 
     pub(super) fn sizes(&self, [x, y]: [u32; 2]) -> Sizes {
@@ -155,6 +155,23 @@ impl Description {
                 self.time = Some(TimeAxis { unit: known.ok(), ..axis });
             }
             Err(problem) => self.notes.push(Note::warning(format!("The description's times are left out: {problem}."))),
+        }
+    }
+
+    /// Sets the time from one step to the next: an axis for several steps, else a property of the one.
+    pub(super) fn set_increment(&mut self, step: f64, unit: &str, times: u32) {
+        match times {
+            2.. => self.set_time(TimeAxis { step, ..TimeAxis::default() }, unit, times),
+            _ => self.step_time.increment = TimeSpan::of(step, unit),
+        }
+    }
+
+    /// Sets the times of all steps, if valid. `whose` they are is said in the note, if not.
+    pub(super) fn set_stamps(&mut self, stamps: Vec<f64>, unit: &str, whose: &str) {
+        let times = stamps.len() as u32;
+        match TimeAxis::of_stamps(stamps, None) {
+            Ok(axis) => self.set_time(axis, unit, times),
+            Err(problem) => self.notes.push(Note::warning(format!("{whose} times are left out: {problem}."))),
         }
     }
 

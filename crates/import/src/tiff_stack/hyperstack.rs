@@ -5,8 +5,7 @@ use super::description::{Declared, Description, Spacing};
 use super::units::unit_of;
 use crate::axes::Axis;
 use crate::note::Note;
-use crate::step_time::TimeSpan;
-use brickyard_volume::{ChannelLook, TimeAxis};
+use brickyard_volume::ChannelLook;
 
 /// First characters of ImageJ's description.
 pub(super) const START: &str = "ImageJ=";
@@ -43,11 +42,8 @@ pub(super) fn read(text: &str, resolution: Option<[f64; 2]>, samples: u16) -> De
     description.spacing = spacing(unit.is_some(), depth, resolution);
     in_unit_of_x(&mut description, unit, [value("yunit"), value("zunit")]);
     let interval = value("finterval").and_then(|v| v.parse::<f64>().ok()).filter(|step| *step != 0.0);
-    let unit = value("tunit").unwrap_or("s");
-    match interval {
-        Some(step) if frames > 1 => description.set_time(TimeAxis { step, ..TimeAxis::default() }, unit, frames),
-        Some(step) => description.step_time.increment = TimeSpan::of(step, unit),
-        None => {}
+    if let Some(step) = interval {
+        description.set_increment(step, value("tunit").unwrap_or("s"), frames);
     }
     description
 }
@@ -100,6 +96,7 @@ fn display_range<'a>(value: impl Fn(&str) -> Option<&'a str>) -> Option<ChannelL
 mod tests {
     use super::*;
     use crate::testing::{is_warned, said};
+    use brickyard_volume::TimeAxis;
 
     fn spacing_of(description: &Description) -> Option<[f64; 3]> {
         description.spacing.map(|s| [s.x, s.y, s.z.unwrap()])

@@ -8,11 +8,12 @@ mod tests;
 
 use super::description::{Declared, Description, Ome, OmeSays};
 use super::hyperstack::is_length;
+use super::page_map::LISTED;
 use super::xml::{self, Failure, LONGEST_NAME, attribute, decoded, meaning, next_piece, number};
 use crate::axes::Axis;
 use crate::note::Note;
-use crate::step_time::{StepTime, TimeSpan};
-use brickyard_volume::{ChannelLook, TimeAxis};
+use crate::step_time::TimeSpan;
+use brickyard_volume::ChannelLook;
 use quick_xml::events::{BytesStart, Event};
 use std::collections::HashMap;
 use std::io::BufRead;
@@ -98,19 +99,14 @@ pub(super) fn read(text: impl BufRead) -> Result<Option<Description>, Failure> {
         };
         match event {
             Event::Start(tag) if walk.open.is_empty() && tag.local_name().as_ref() != b"OME" => return Ok(None),
-            Event::Empty(tag) if walk.open.is_empty() && tag.local_name().as_ref() != b"OME" => return Ok(None),
             Event::Start(tag) => walk.enter(&tag)?,
-            Event::Empty(tag) => {
-                walk.enter(&tag)?;
-                walk.leave()?;
-            }
             Event::End(_) => walk.leave()?,
             Event::Text(text) => walk.text(&text)?,
             Event::CData(text) => walk.text(&text)?,
             Event::Eof if walk.open.is_empty() => return Ok(None),
             Event::Eof => return meaning("ends inside an element: it was cut short"),
             // A document's own entities are not expanded: an attribute with one is not well-formed.
-            Event::Comment(_) | Event::Decl(_) | Event::PI(_) | Event::GeneralRef(_) | Event::DocType(_) => {}
+            _ => {}
         }
         if walk.open.is_empty() && walk.has_begun {
             return walk.description().map(Some);
@@ -128,7 +124,7 @@ pub(super) fn uuid(text: impl BufRead) -> Result<Option<String>, Failure> {
     loop {
         next_piece(&mut xml, &mut piece);
         match xml.read_event_into(&mut piece).map_err(Failure::from) {
-            Ok(Event::Start(tag) | Event::Empty(tag)) if tag.local_name().as_ref() == b"OME" => {
+            Ok(Event::Start(tag)) if tag.local_name().as_ref() == b"OME" => {
                 return attribute(&tag, "UUID");
             }
             Ok(Event::Decl(_) | Event::Comment(_) | Event::PI(_) | Event::Text(_) | Event::DocType(_)) => {}
@@ -276,15 +272,10 @@ impl Walk {
             return meaning("has two Pixels in one Image");
         }
         let order = attribute(tag, "DimensionOrder")?.unwrap_or_default();
-        let axis = |letter| match letter {
-            'Z' => Some(Axis::Z),
-            'C' => Some(Axis::C),
-            'T' => Some(Axis::T),
-            _ => None,
-        };
+        let axis = |letter| LISTED.into_iter().find(|axis| axis.letter().to_ascii_uppercase() == letter);
         // Fastest first, always starting with x and y.
         let axes: Option<Vec<Axis>> = order.strip_prefix("XY").and_then(|rest| rest.chars().rev().map(axis).collect());
-        let axes = axes.filter(|axes| axes.len() == 3 && [Axis::T, Axis::C, Axis::Z].iter().all(|a| axes.contains(a)));
+        let axes = axes.filter(|axes| axes.len() == 3 && LISTED.iter().all(|a| axes.contains(a)));
         let Some(axes) = axes else {
             return meaning(format!("has Pixels whose DimensionOrder is '{order}', expected one such as XYZCT"));
         };
@@ -374,15 +365,14 @@ impl Walk {
             ..Description::default()
         };
         description.set_physical_sizes(std::mem::take(&mut self.physical_sizes));
-        match times {
-            1 => {
-                let stamp = self.stamps.iter().find(|(step, _)| *step == 0);
-                description.step_time = StepTime {
-                    increment: self.time_step.take().and_then(|(step, unit)| TimeSpan::of(step, &unit)),
-                    stamp: stamp.and_then(|(_, stamp)| TimeSpan::of(*stamp, &self.stamp_unit)),
-                };
-            }
-            _ => self.set_time(&mut description, times),
+        if times == 1 {
+            let stamp = self.stamps.iter().find(|(step, _)| *step == 0);
+            description.step_time.stamp = stamp.and_then(|(_, stamp)| TimeSpan::of(*stamp, &self.stamp_unit));
+        }
+        match self.time_step.take() {
+            Some((step, unit)) => description.set_increment(step, &unit, times),
+            None if times > 1 => self.set_stamps(&mut description, times),
+            None => {}
         }
         if self.splits_axes {
             let note = "The OME-XML description splits an axis once more (Modulo); it is kept as one.";
@@ -392,21 +382,13 @@ impl Walk {
         Ok(description)
     }
 
-    /// Sets the increment, or else the times of each step's first plane, if every step has one.
-    fn set_time(&mut self, description: &mut Description, times: u32) {
-        if let Some((step, unit)) = self.time_step.take() {
-            return description.set_time(TimeAxis { step, ..TimeAxis::default() }, &unit, times);
-        }
+    /// Sets the times of each step's first plane, if every step has one.
+    fn set_stamps(&mut self, description: &mut Description, times: u32) {
         let mut stamps = std::mem::take(&mut self.stamps);
         stamps.sort_by_key(|(step, _)| *step);
-        if !stamps.iter().map(|(step, _)| *step).eq(0..times) {
-            return;
-        }
-        match TimeAxis::of_stamps(stamps.into_iter().map(|(_, stamp)| stamp).collect(), None) {
-            Ok(axis) => description.set_time(axis, &self.stamp_unit, times),
-            Err(problem) => {
-                description.notes.push(Note::warning(format!("The description's times are left out: {problem}.")));
-            }
+        if stamps.iter().map(|(step, _)| *step).eq(0..times) {
+            let stamps = stamps.into_iter().map(|(_, stamp)| stamp).collect();
+            description.set_stamps(stamps, &self.stamp_unit, "The description's");
         }
     }
 }

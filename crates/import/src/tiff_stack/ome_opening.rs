@@ -8,10 +8,10 @@ use super::ome_pages::{self, Files};
 use super::ome_set::{Set, check_uuid, follow, is_companion, read_companion};
 use super::page::{OpenTiff, PageFormat};
 use super::page_map::{PageMap, Place, of_page};
-use super::told::name_of;
-use super::walk::{Pages, Walked, odd_page, open_pages, refuse_problem};
+use super::walk::{Walked, odd_page, open_pages, refuse_problem};
 use super::{MOST_IDLE, Parts, TiffFile, TiffStack};
-use crate::error::ImportError;
+use crate::error::{ImportError, Result};
+use crate::files::name_of;
 use crate::note::Note;
 use crate::options::OpenOptions;
 use crate::raw::identity;
@@ -19,12 +19,13 @@ use crate::source::Source;
 use brickyard_volume::counted;
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
+use std::sync::Mutex;
 
 /// Whether files are exactly the OME set that includes the first.
 ///
 /// # Errors
 /// If a file of the set is missing, or has another UUID than the set's.
-pub(crate) fn is_whole_set(paths: &[PathBuf]) -> Result<bool, ImportError> {
+pub(crate) fn is_whole_set(paths: &[PathBuf]) -> Result<bool> {
     let path = &paths[0];
     if is_companion(path)? {
         return Ok(false);
@@ -48,11 +49,7 @@ pub(crate) fn is_whole_set(paths: &[PathBuf]) -> Result<bool, ImportError> {
 }
 
 /// Opens the files described by an OME-XML file.
-pub(super) fn open_companion(
-    path: &Path,
-    options: &OpenOptions,
-    is_alone: bool,
-) -> Result<Box<dyn Source>, ImportError> {
+pub(super) fn open_companion(path: &Path, options: &OpenOptions, is_alone: bool) -> Result<Box<dyn Source>> {
     if options.axes.is_some() {
         let problem =
             "is the companion of OME-TIFF files, and places their planes itself: leave `axes` out, or name the files";
@@ -88,12 +85,7 @@ pub(super) struct Opening<'a> {
 
 impl Opening<'_> {
     /// Opens the file by its OME-XML, with the others of its set.
-    pub(super) fn ome(
-        self,
-        tiff: OpenTiff,
-        ome: Ome,
-        mut description: Description,
-    ) -> Result<Box<dyn Source>, ImportError> {
+    pub(super) fn ome(self, tiff: OpenTiff, ome: Ome, mut description: Description) -> Result<Box<dyn Source>> {
         let path = self.path;
         match ome.says {
             OmeSays::Pixels(pixels) if pixels.tiff_data.is_empty() => {
@@ -133,7 +125,7 @@ impl Opening<'_> {
         pixels: &Pixels,
         description: &Description,
         companion: Option<&Path>,
-    ) -> Result<Box<dyn Source>, ImportError> {
+    ) -> Result<Box<dyn Source>> {
         let path = self.path;
         if set.paths.len() > 1 && !self.is_alone {
             let problem = format!(
@@ -159,14 +151,14 @@ impl Opening<'_> {
             .page_sizes(&format)
             .and_then(|sizes| ome_pages::map(pixels, of_page(sizes, &format), &files));
         let map = map.map_err(|problem| ImportError::invalid(path, problem))?;
-        let spare = pages.iter().map(|&n| n as u64).sum::<u64>() - map.planes();
+        let spare = pages.iter().map(|&n| n as u64).sum::<u64>() - map.sizes.planes();
         let format = match walked.odd.take() {
             None => format,
             Some(odd) if spare == 0 => return Err(odd),
             Some(_) => check_used(&set.paths, &map)?,
         };
         let WalkedSet { files, idle, reader_bytes, .. } = walked;
-        let parts = Parts { files, format, map, reader_bytes, idle };
+        let parts = Parts { files, format, map, reader_bytes, idle: Mutex::new(idle) };
         let mut stack = TiffStack::new(parts, description, self.options)?;
         // A separate XML file may change while the files with pages stay.
         if own.is_none() {
@@ -184,14 +176,14 @@ impl Opening<'_> {
     }
 
     /// Walks the directories of all files of a set, expecting pages of this format. `first` is the first of them, if open.
-    fn walk(&self, mut first: Option<OpenTiff>, set: &Set, format: &PageFormat) -> Result<WalkedSet, ImportError> {
+    fn walk(&self, mut first: Option<OpenTiff>, set: &Set, format: &PageFormat) -> Result<WalkedSet> {
         let mut all = WalkedSet { files: Vec::with_capacity(set.paths.len()), ..WalkedSet::default() };
         for (number, part) in (0..).zip(&set.paths) {
             let tiff = match first.take() {
                 Some(tiff) => tiff,
                 None => self.part(part, set.uuids[number as usize].as_deref())?,
             };
-            let Walked { file, tiff, reader_bytes, odd, .. } = Walked::of(tiff, format, Pages::All, None)?;
+            let Walked { file, tiff, reader_bytes, odd, .. } = Walked::of(tiff, format, None)?;
             if file.pages > 1 && all.idle.len() < MOST_IDLE {
                 all.idle.push((number, tiff.rest()));
             }
@@ -203,7 +195,7 @@ impl Opening<'_> {
     }
 
     /// Opens a file of the set, and checks its identity.
-    fn part(&self, part: &Path, uuid: Option<&str>) -> Result<OpenTiff, ImportError> {
+    fn part(&self, part: &Path, uuid: Option<&str>) -> Result<OpenTiff> {
         let mut tiff = OpenTiff::open(part)?;
         check_uuid(self.path, part, uuid, tiff.ome_uuid()?.as_deref())?;
         Ok(tiff)
@@ -238,14 +230,14 @@ fn first_place(pixels: &Pixels, set: &Set) -> Option<Place> {
     pixels.tiff_data.iter().map(place).min().filter(|place| *place != Place { file: 0, page: 0 })
 }
 
-fn format_at(path: &Path, page: u32) -> Result<PageFormat, ImportError> {
+fn format_at(path: &Path, page: u32) -> Result<PageFormat> {
     let mut tiff = OpenTiff::open(path)?;
     tiff.seek(page)?;
     tiff.format()
 }
 
 /// Checks only pages used as planes, in a file with others: pictures of labels, overviews. Returns their format.
-fn check_used(paths: &[PathBuf], map: &PageMap) -> Result<PageFormat, ImportError> {
+fn check_used(paths: &[PathBuf], map: &PageMap) -> Result<PageFormat> {
     let mut expected: Option<PageFormat> = None;
     let mut open: Option<(u32, OpenTiff)> = None;
     for place in map.by_file() {
@@ -256,7 +248,7 @@ fn check_used(paths: &[PathBuf], map: &PageMap) -> Result<PageFormat, ImportErro
         };
         tiff.seek(place.page)?;
         let format = tiff.format()?;
-        tiff.check_data(path, place.page + 1)?;
+        tiff.check_data(place.page + 1)?;
         match &expected {
             Some(expected) if *expected != format => return Err(odd_page(path, place.page + 1, &format, expected)),
             Some(_) => {}

@@ -1,8 +1,8 @@
 //! Plane-to-page map from OME's `TiffData` elements: in any order, from several files. Every plane must have one page.
 
 use super::ome::{Pixels, TiffData};
-use super::page_map::{PageMap, PageOrder, Place, planes_of, too_few_or_many};
-use crate::axes::{Axis, Sizes};
+use super::page_map::{LISTED, PageMap, PageOrder, Place, too_few_or_many};
+use crate::axes::Sizes;
 
 /// The files with the mapped pages.
 pub(super) struct Files<'a> {
@@ -25,7 +25,7 @@ const UNSET: Place = Place { file: u32::MAX, page: u32::MAX };
 pub(super) fn map(pixels: &Pixels, sizes: Sizes, files: &Files) -> Result<PageMap, String> {
     let channels = sizes.channels;
     let samples = pixels.sizes[1] / channels;
-    let (planes, pages) = (planes_of(sizes), files.pages.iter().map(|&n| n as u64).sum::<u64>());
+    let (planes, pages) = (sizes.planes(), files.pages.iter().map(|&n| n as u64).sum::<u64>());
     if planes > pages {
         return Err(too_few_or_many(sizes, pages, if files.pages.len() == 1 { "it holds" } else { "its files hold" }));
     }
@@ -39,9 +39,9 @@ pub(super) fn map(pixels: &Pixels, sizes: Sizes, files: &Files) -> Result<PageMa
         }
         mapping.take(TiffData { first, ..*data })?;
     }
-    let Mapping { places, .. } = mapping;
+    let places = mapping.places;
     if let Some(missing) = places.iter().position(|&place| place == UNSET) {
-        let plane = Plane::at(missing as u64, sizes);
+        let plane = Plane(sizes.plane_of(missing as u64, &LISTED));
         return Err(format!(
             "its OME-XML (TiffData) gives no page for {plane}; pass `axes` zyx to take the pages as they are"
         ));
@@ -71,12 +71,8 @@ impl Mapping<'_> {
             return Err(format!("its OME-XML (TiffData) names {plane}, which is outside of its sizes"));
         }
         let ifd = data.ifd.unwrap_or(0);
-        let count = match data.count {
-            Some(count) => count,
-            None if data.ifd.is_some() => 1,
-            None => pages,
-        };
-        let start = self.along_order(data.first);
+        let count = data.count.unwrap_or(if data.ifd.is_some() { 1 } else { pages });
+        let start = self.sizes.number_of(data.first, &self.pixels.axes);
         for i in 0..count {
             let page = ifd.checked_add(i).filter(|&page| page < pages).ok_or_else(|| {
                 format!(
@@ -91,8 +87,8 @@ impl Mapping<'_> {
             if index >= self.places.len() as u64 {
                 return Err(too_few_or_many(self.sizes, start + count as u64, "its TiffData elements name"));
             }
-            let plane = self.plane_at(index);
-            let place = &mut self.places[plane.index(self.sizes) as usize];
+            let plane = Plane(self.sizes.plane_of(index, &self.pixels.axes));
+            let place = &mut self.places[self.sizes.number_of(plane.0, &LISTED) as usize];
             if *place != UNSET {
                 let names = [*place, Place { file, page }]
                     .map(|place| format!("directory {} of {}", place.page, self.files.names[place.file as usize]));
@@ -105,51 +101,10 @@ impl Mapping<'_> {
         }
         Ok(())
     }
-
-    /// A plane's number in the order of planes.
-    fn along_order(&self, [t, c, z]: [u32; 3]) -> u64 {
-        self.pixels.axes.iter().fold(0, |index, &axis| {
-            let i = match axis {
-                Axis::T => t,
-                Axis::C => c,
-                _ => z,
-            };
-            index * self.sizes.of(axis) as u64 + i as u64
-        })
-    }
-
-    /// The plane of this number in the order of planes.
-    fn plane_at(&self, mut index: u64) -> Plane {
-        let mut plane = [0; 3];
-        for &axis in self.pixels.axes.iter().rev() {
-            let size = self.sizes.of(axis) as u64;
-            let slot = match axis {
-                Axis::T => 0,
-                Axis::C => 1,
-                _ => 2,
-            };
-            plane[slot] = (index % size) as u32;
-            index /= size;
-        }
-        Plane(plane)
-    }
 }
 
 /// A plane's step, channel and slice, as named in messages.
 struct Plane([u32; 3]);
-
-impl Plane {
-    /// A plane's number along t, c and z, slowest first.
-    fn index(&self, sizes: Sizes) -> u64 {
-        let Self([t, c, z]) = *self;
-        (t as u64 * sizes.channels as u64 + c as u64) * sizes.extent.z as u64 + z as u64
-    }
-
-    fn at(index: u64, sizes: Sizes) -> Self {
-        let (z, channels) = (sizes.extent.z as u64, sizes.channels as u64);
-        Self([(index / z / channels) as u32, (index / z % channels) as u32, (index % z) as u32])
-    }
-}
 
 impl std::fmt::Display for Plane {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {

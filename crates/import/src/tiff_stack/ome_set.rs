@@ -6,16 +6,16 @@ use super::ome::{self, Part};
 use super::page::OpenTiff;
 use super::told::LONGEST_DESCRIPTION;
 use super::xml::Failure;
-use crate::error::ImportError;
-use crate::files::first_bytes;
+use crate::error::{ImportError, Result};
+use crate::files::{first_bytes, folder_of, name_of};
 use std::collections::HashMap;
 use std::fs::File;
 use std::io::{BufReader, Read};
 use std::path::{Component, Path, PathBuf};
 
 /// Whether a file is bare OME-XML, by its name and its start.
-pub(crate) fn is_companion(path: &Path) -> Result<bool, ImportError> {
-    let name = path.file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
+pub(crate) fn is_companion(path: &Path) -> Result<bool> {
+    let name = name_of(path).to_ascii_lowercase();
     if ![".ome", ".ome.xml"].iter().any(|end| name.ends_with(end)) {
         return Ok(false);
     }
@@ -28,14 +28,12 @@ pub(crate) fn is_companion(path: &Path) -> Result<bool, ImportError> {
 ///
 /// # Errors
 /// If it is something else, or cannot be followed; if the disk cannot read it.
-pub(super) fn read_companion(path: &Path) -> Result<Description, ImportError> {
+pub(super) fn read_companion(path: &Path) -> Result<Description> {
     let file = File::open(path).map_err(ImportError::io(path))?;
     let bytes = file.metadata().map_err(ImportError::io(path))?.len();
     if bytes > LONGEST_DESCRIPTION {
-        return Err(ImportError::unsupported(
-            path,
-            format!("OME-XML of {bytes} bytes, more than {LONGEST_DESCRIPTION},"),
-        ));
+        let feature = format!("OME-XML of {bytes} bytes, more than {LONGEST_DESCRIPTION},");
+        return Err(ImportError::unsupported(path, feature));
     }
     match ome::read(BufReader::new(file.take(LONGEST_DESCRIPTION))) {
         Ok(Some(description)) => Ok(description),
@@ -49,11 +47,7 @@ pub(super) fn read_companion(path: &Path) -> Result<Description, ImportError> {
 ///
 /// # Errors
 /// If the name leads out of the folder, or to no file, or to one of another UUID.
-pub(super) fn follow(
-    path: &Path,
-    metadata_file: &str,
-    uuid: Option<&str>,
-) -> Result<(PathBuf, Description), ImportError> {
+pub(super) fn follow(path: &Path, metadata_file: &str, uuid: Option<&str>) -> Result<(PathBuf, Description)> {
     let what = "is BinaryOnly: its pages are described in";
     let other = beside(path, metadata_file, what)?;
     let description = match first_bytes(&other, 4)?.as_slice() {
@@ -93,7 +87,7 @@ impl Set {
     ///
     /// # Errors
     /// If a name leads out of the folder, or to no file: the message gives it.
-    pub(super) fn find(path: &Path, uuid: Option<&str>, has_pages: bool, parts: &[Part]) -> Result<Self, ImportError> {
+    pub(super) fn find(path: &Path, uuid: Option<&str>, has_pages: bool, parts: &[Part]) -> Result<Self> {
         let mut set = Self { paths: Vec::new(), of_part: Vec::with_capacity(parts.len()), uuids: Vec::new() };
         let mut known: HashMap<PathBuf, u32> = HashMap::new();
         if has_pages {
@@ -121,10 +115,9 @@ impl Set {
             if !part.uuid.is_empty() {
                 let expected = said.get_or_insert_with(|| part.uuid.clone());
                 if !same_uuid(expected, &part.uuid) {
+                    let (naming, uuid) = (path.display(), &part.uuid);
                     let problem = format!(
-                        "has two UUIDs in the OME-XML of {}, '{expected}' and '{}'; write the set again",
-                        path.display(),
-                        part.uuid
+                        "has two UUIDs in the OME-XML of {naming}, '{expected}' and '{uuid}'; write the set again"
                     );
                     return Err(ImportError::invalid(&set.paths[file as usize], problem));
                 }
@@ -136,12 +129,7 @@ impl Set {
 }
 
 /// Checks a file's UUID against the one another file expects, where both have one.
-pub(super) fn check_uuid(
-    naming: &Path,
-    path: &Path,
-    expected: Option<&str>,
-    found: Option<&str>,
-) -> Result<(), ImportError> {
+pub(super) fn check_uuid(naming: &Path, path: &Path, expected: Option<&str>, found: Option<&str>) -> Result<()> {
     match expected.zip(found) {
         Some((expected, found)) if !same_uuid(expected, found) => {
             let problem = format!(
@@ -164,8 +152,8 @@ fn same_uuid(a: &str, b: &str) -> bool {
 }
 
 /// Finds the regular file of this name in the folder of `path`, or below it. `what` describes the name in messages.
-fn beside(path: &Path, name: &str, what: &str) -> Result<PathBuf, ImportError> {
-    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+fn beside(path: &Path, name: &str, what: &str) -> Result<PathBuf> {
+    let folder = folder_of(path);
     let outside = || {
         let problem = format!(
             "{what} '{name}', which is not in its folder or below; pass `axes` zyx to take its own pages as they are"

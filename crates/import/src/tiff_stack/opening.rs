@@ -6,11 +6,11 @@ use super::ome_set::is_companion;
 use super::page::{OpenTiff, PageFormat};
 use super::page_map::arrange;
 use super::thumbnails::Thumbnails;
-use super::walk::{self, open_pages, refuse_problem};
+use super::walk::{open_pages, refuse_problem};
 use super::{Parts, TiffFile, TiffStack};
 use crate::axes::{Axis, AxisOrder};
 use crate::element::Decode;
-use crate::error::ImportError;
+use crate::error::{ImportError, Result};
 use crate::mapped::MappedFile;
 use crate::note::Note;
 use crate::options::{NoData, OpenOptions};
@@ -18,10 +18,11 @@ use crate::raw::{ArrayLayout, RawSource, identity};
 use crate::source::{Source, SourceInfo};
 use brickyard_volume::counted;
 use std::path::{Path, PathBuf};
+use std::sync::Mutex;
 
 /// Whether a TIFF file has more than one plane: several pages, apart from smaller copies and masks of others; or a stack behind a single
 /// directory, unless `axes` describe the pages.
-pub(crate) fn has_several_planes(path: &Path, options: &OpenOptions) -> Result<bool, ImportError> {
+pub(crate) fn has_several_planes(path: &Path, options: &OpenOptions) -> Result<bool> {
     if is_companion(path)? {
         return Ok(true);
     }
@@ -37,7 +38,7 @@ pub(crate) fn has_several_planes(path: &Path, options: &OpenOptions) -> Result<b
     let (mut pages, first, mut thumbnails) = (1, tiff.format()?, Thumbnails::default());
     while tiff.has_more_pages() {
         pages += 1;
-        tiff.next_page(pages)?;
+        tiff.next_page()?;
         let is_copy =
             tiff.is_copy_or_mask()? || tiff.small_size(&first)?.is_some_and(|size| thumbnails.add(size, pages) == 1);
         if !is_copy {
@@ -49,8 +50,7 @@ pub(crate) fn has_several_planes(path: &Path, options: &OpenOptions) -> Result<b
 
 /// Whether all, or most, planes of a described stack follow the data of the file's only directory. A page cut out of such a stack may have its
 /// description, but not the planes.
-fn holds_stack(tiff: &mut OpenTiff) -> Result<bool, ImportError> {
-    let path = tiff.path.clone();
+fn holds_stack(tiff: &mut OpenTiff) -> Result<bool> {
     let format = tiff.format()?;
     let description = tiff.description(&format)?;
     let Some(declared) = description.declared.filter(|declared| declared.in_one_directory && declared.planes() > 1)
@@ -60,20 +60,20 @@ fn holds_stack(tiff: &mut OpenTiff) -> Result<bool, ImportError> {
     if tiff.is_metamorph() {
         return Ok(true);
     }
-    let Ok((start, _)) = tiff.contiguous_start(&path, &format) else { return Ok(false) };
+    let Ok((start, _)) = tiff.contiguous_start(&format) else { return Ok(false) };
     let plane_bytes =
         u64::from(format.width) * u64::from(format.height) * (format.element.bytes() * format.samples as usize) as u64;
     // A truncated stack has more than half, and more than a plane: the missing part is reported on opening.
     let least = plane_bytes.saturating_mul(declared.planes().max(3)) / 2;
     // The directory lies before all planes, or behind them.
     let directory = tiff.decoder.ifd_pointer().map(|pointer| pointer.0).filter(|directory| *directory > start);
-    let end = directory.unwrap_or(tiff.stamp.bytes());
+    let end = directory.unwrap_or(tiff.stamp.bytes);
     Ok(least.saturating_add(start) <= end)
 }
 
 /// Opens one TIFF file, of one page or several, with the rest of its OME set if it is in one; or the companion of such files. `is_alone`: it is
 /// the only input.
-pub(crate) fn open_file(path: &Path, options: &OpenOptions, is_alone: bool) -> Result<Box<dyn Source>, ImportError> {
+pub(crate) fn open_file(path: &Path, options: &OpenOptions, is_alone: bool) -> Result<Box<dyn Source>> {
     if is_companion(path)? {
         return open_companion(path, options, is_alone);
     }
@@ -98,7 +98,7 @@ pub(crate) fn open_file(path: &Path, options: &OpenOptions, is_alone: bool) -> R
 }
 
 /// Opens single-page files as planes, in the given order.
-pub(crate) fn open_planes(paths: &[PathBuf], options: &OpenOptions) -> Result<Box<dyn Source>, ImportError> {
+pub(crate) fn open_planes(paths: &[PathBuf], options: &OpenOptions) -> Result<Box<dyn Source>> {
     let mut first: Option<(PageFormat, Description)> = None;
     let mut files = Vec::with_capacity(paths.len());
     let (mut reader_bytes, mut with_copies) = (0, 0);
@@ -106,41 +106,37 @@ pub(crate) fn open_planes(paths: &[PathBuf], options: &OpenOptions) -> Result<Bo
         let mut tiff = OpenTiff::open(path)?;
         with_copies += u64::from(tiff.has_more_pages());
         let format = tiff.format()?;
-        tiff.check_data(path, 1)?;
+        tiff.check_data(1)?;
         reader_bytes = tiff.reader_bytes(&format)?.max(reader_bytes);
         let description = tiff.description(&format)?;
         if options.axes.is_none() && options.order.is_none() {
             check_is_no_part(path, &description)?;
         }
-        if let Some((_, expected)) = &first {
-            check_scale(path, &description, (&paths[0], expected), options)?;
-        }
         files.push(TiffFile { path: path.clone(), stamp: tiff.stamp, pages: 1 });
-        match &first {
-            Some((_, expected)) if description.calibration != expected.calibration => {
-                let problem = format!(
-                    "its values are calibrated (ImageJ's c0, c1, cf) unlike those of {}; calibrate all alike",
-                    paths[0].display()
-                );
-                return Err(ImportError::invalid(path, problem));
-            }
-            Some((_, expected)) if description.nodata != expected.nodata && options.nodata == NoData::OfFile => {
-                let value = |nodata: Option<f64>| nodata.map_or("no value".into(), |value| value.to_string());
-                let problem = format!(
-                    "marks pixels without data with {} (GDAL_NODATA), but {} with {}; give one value for all with \
-                     `nodata`",
-                    value(description.nodata),
-                    paths[0].display(),
-                    value(expected.nodata)
-                );
-                return Err(ImportError::options(path, problem));
-            }
-            Some((expected, _)) if format != *expected => {
-                let problem = format!("is {format}, but {} is {expected}", paths[0].display());
-                return Err(ImportError::invalid(path, problem));
-            }
-            Some(_) => {}
-            None => first = Some((format, description)),
+        let Some((expected_format, expected)) = &first else {
+            first = Some((format, description));
+            continue;
+        };
+        check_scale(path, &description, (&paths[0], expected), options)?;
+        let first_path = paths[0].display();
+        if description.calibration != expected.calibration {
+            let problem = format!(
+                "its values are calibrated (ImageJ's c0, c1, cf) unlike those of {first_path}; calibrate all alike"
+            );
+            return Err(ImportError::invalid(path, problem));
+        }
+        if description.nodata != expected.nodata && options.nodata == NoData::OfFile {
+            let [own, other] = [description.nodata, expected.nodata]
+                .map(|nodata| nodata.map_or("no value".into(), |value| value.to_string()));
+            let problem = format!(
+                "marks pixels without data with {own} (GDAL_NODATA), but {first_path} with {other}; give one value for \
+                 all with `nodata`"
+            );
+            return Err(ImportError::options(path, problem));
+        }
+        if format != *expected_format {
+            let problem = format!("is {format}, but {first_path} is {expected_format}");
+            return Err(ImportError::invalid(path, problem));
         }
     }
     let Some((format, mut description)) = first else {
@@ -153,15 +149,14 @@ pub(crate) fn open_planes(paths: &[PathBuf], options: &OpenOptions) -> Result<Bo
     }
     // A stack's shape in a single plane's file is that of the stack it was cut from.
     description.declared = None;
-    let (map, note) =
-        arrange(1, paths.len() as u32, options, None, &format).map_err(|misfit| walk::misfit(&paths[0], misfit))?;
+    let (map, note) = arrange(&paths[0], 1, paths.len() as u32, options, None, &format)?;
     description.notes.extend(note);
-    let parts = Parts { files, format, map, reader_bytes, idle: Vec::new() };
+    let parts = Parts { files, format, map, reader_bytes, idle: Mutex::default() };
     Ok(Box::new(TiffStack::new(parts, &description, options)?))
 }
 
 /// Refuses a file whose OME-XML names a set of files: its place in the set may not follow from its name.
-fn check_is_no_part(path: &Path, description: &Description) -> Result<(), ImportError> {
+fn check_is_no_part(path: &Path, description: &Description) -> Result<()> {
     let is_part = description.ome.as_ref().is_some_and(|ome| match &ome.says {
         OmeSays::Pixels(pixels) => pixels.parts.len() > 1,
         OmeSays::Elsewhere { .. } => true,
@@ -177,7 +172,7 @@ fn check_scale(
     description: &Description,
     (first_path, first): (&Path, &Description),
     options: &OpenOptions,
-) -> Result<(), ImportError> {
+) -> Result<()> {
     // One pixel in a thousand.
     const TOLERANCE: f64 = 1e-3;
     let is_near = |a: f64, b: f64| (a - b).abs() <= TOLERANCE * a.abs().max(b.abs());
@@ -193,12 +188,9 @@ fn check_scale(
         let unit = of.unit.map(|unit| format!(" {unit}")).unwrap_or_default();
         of.spacing.map_or("no size".into(), |Spacing { x, y, .. }| format!("{x} x {y}{unit}"))
     };
-    let problem = format!(
-        "has pixels of {}, but {} has pixels of {}; give `spacing` and `unit` for all",
-        describe(description),
-        first_path.display(),
-        describe(first)
-    );
+    let (first_path, [own, other]) = (first_path.display(), [description, first].map(describe));
+    let problem =
+        format!("has pixels of {own}, but {first_path} has pixels of {other}; give `spacing` and `unit` for all");
     Err(ImportError::options(path, problem))
 }
 
@@ -210,7 +202,7 @@ fn open_contiguous(
     declared: &Declared,
     description: &Description,
     options: &OpenOptions,
-) -> Result<Box<dyn Source>, ImportError> {
+) -> Result<Box<dyn Source>> {
     if let Some(images) = declared.images.filter(|images| u64::from(*images) != declared.planes()) {
         let problem = format!(
             "its description has {images} images, but its channels, slices and frames make {}; pass `axes` zyx to take \
@@ -220,7 +212,7 @@ fn open_contiguous(
         return Err(ImportError::invalid(path, problem));
     }
     let (scale, note) = description.scale(format.element, format.samples);
-    let (offset, endian) = tiff.contiguous_start(path, format)?;
+    let (offset, endian) = tiff.contiguous_start(format)?;
     let mut sizes = declared.sizes([format.width, format.height]);
     let within = match (format.samples, format.planar) {
         (1, _) => &[Axis::Y, Axis::X][..],
@@ -241,11 +233,10 @@ fn open_contiguous(
     let file = MappedFile::open(path)?;
     let found = file.len() as u64;
     if found < expected {
+        let (planes, missing) = (declared.planes(), expected - found);
         let problem = format!(
-            "its description declares {} planes of {format}, so at least {expected} bytes are expected; found {found} \
-             ({} missing); pass `axes` zyx to take its one page",
-            declared.planes(),
-            expected - found
+            "its description declares {planes} planes of {format}, so at least {expected} bytes are expected; found \
+             {found} ({missing} missing); pass `axes` zyx to take its one page"
         );
         return Err(ImportError::invalid(path, problem));
     }

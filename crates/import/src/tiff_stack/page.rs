@@ -6,16 +6,15 @@ use super::lzw::{self, Predictor, Rows};
 use super::refusal::{AS_NUMBERS, is_damage, kind_of, not_decoded, refusal};
 use super::turn::Turn;
 use crate::element::{Decode, Element, Endian};
-use crate::error::ImportError;
+use crate::error::{ImportError, Result};
 use crate::stamp::Stamp;
 use brickyard_volume::{VoxelBox, VoxelType};
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
-use tiff::ColorType;
-use tiff::TiffError;
 use tiff::decoder::{ChunkType, Decoder, DecodingSampleType, Limits};
 use tiff::tags::{ByteOrder, Tag};
+use tiff::{ColorType, TiffError, TiffResult};
 
 /// Most memory for the values of one tag: 8 million strips.
 const MOST_TAG_BYTES: usize = 256 << 20;
@@ -54,6 +53,10 @@ const COPY_OR_MASK: u32 = 1 | 4;
 /// Bytes of a strip or tile searched for its JPEG header.
 const JPEG_HEADER_BYTES: u64 = 64 << 10;
 
+/// Places of damage in messages.
+const PAGE: &str = "a page";
+const FILE: &str = "cannot be read";
+
 /// Slices of a page and of a tile, which are not in the standard.
 const IMAGE_DEPTH: Tag = Tag::Unknown(32997);
 const TILE_DEPTH: Tag = Tag::Unknown(32998);
@@ -81,7 +84,7 @@ pub(super) struct PageFormat {
 impl PageFormat {
     /// Shown size in pixels along x and y.
     pub(super) fn shown_size(&self) -> [u32; 2] {
-        self.turn.size([self.width, self.height])
+        self.turn.meant([self.width, self.height])
     }
 }
 
@@ -132,11 +135,11 @@ enum Packing {
 }
 
 impl OpenTiff {
-    pub(super) fn open(path: &Path) -> Result<Self, ImportError> {
+    pub(super) fn open(path: &Path) -> Result<Self> {
         let file = File::open(path).map_err(ImportError::io(path))?;
         let stamp = Stamp::in_metadata(&file.metadata().map_err(ImportError::io(path))?);
         let decoder = Decoder::new(PageBytes::new(file)).map_err(|e| refusal(path, "cannot be read", e))?;
-        let decoder = decoder.with_limits(limits(stamp.bytes()));
+        let decoder = decoder.with_limits(limits(stamp.bytes));
         let mut tiff = Self {
             path: path.to_owned(),
             decoder,
@@ -147,17 +150,28 @@ impl OpenTiff {
             chunk: Vec::new(),
             scratch: Default::default(),
         };
-        tiff.arrive(0)?;
+        tiff.arrive(0, Ok(()))?;
         Ok(tiff)
     }
 
-    /// Records the decoder's current page, counted from 0.
-    fn arrive(&mut self, page: u32) -> Result<(), ImportError> {
+    /// Records the decoder's current page, counted from 0, after a move to it.
+    fn arrive(&mut self, page: u32, moved: TiffResult<()>) -> Result<()> {
         (self.packing, self.page) = (Packing::Unknown, page);
-        let is_palette = indices::as_numbers(&mut self.decoder, page);
+        let is_palette = moved.and_then(|()| indices::as_numbers(&mut self.decoder, page));
         self.is_palette =
             is_palette.map_err(|e| refusal(&self.path, &format!("page {} cannot be read", page + 1), e))?;
         Ok(())
+    }
+
+    /// The number in a tag of the current page. `what` is read, for messages.
+    fn number<T: TryFrom<u64>>(&mut self, tag: Tag, what: &str) -> Result<Option<T>> {
+        self.decoder.find_tag_unsigned(tag).map_err(|e| refusal(&self.path, what, e))
+    }
+
+    /// The numbers in a tag of the current page; empty if it has none.
+    fn numbers(&mut self, tag: Tag, what: &str) -> Result<Vec<u64>> {
+        let numbers = self.decoder.find_tag_unsigned_vec(tag).map_err(|e| refusal(&self.path, what, e))?;
+        Ok(numbers.unwrap_or_default())
     }
 
     pub(super) fn has_more_pages(&self) -> bool {
@@ -165,40 +179,39 @@ impl OpenTiff {
     }
 
     /// Whether the page is a smaller copy of another (an overview, a thumbnail) or a mask.
-    pub(super) fn is_copy_or_mask(&mut self) -> Result<bool, ImportError> {
+    pub(super) fn is_copy_or_mask(&mut self) -> Result<bool> {
         let kind = self.decoder.find_tag_unsigned::<u32>(Tag::NewSubfileType);
         Ok(said(&self.path, kind)?.is_some_and(|kind| kind & COPY_OR_MASK != 0))
     }
 
     /// The size of the page if it is half as large as one of this format, or smaller.
-    pub(super) fn small_size(&mut self, format: &PageFormat) -> Result<Option<(u32, u32)>, ImportError> {
-        let (width, height) = self.decoder.dimensions().map_err(|e| refusal(&self.path, "a page", e))?;
+    pub(super) fn small_size(&mut self, format: &PageFormat) -> Result<Option<(u32, u32)>> {
+        let (width, height) = self.decoder.dimensions().map_err(|e| refusal(&self.path, PAGE, e))?;
         let is_small = width <= format.width.div_ceil(2) && height <= format.height.div_ceil(2);
         Ok((is_small && (width, height) != (format.width, format.height)).then_some((width, height)))
     }
 
-    /// Moves the decoder to the next page. `number` is that page's number, counted from 1, for messages.
-    pub(super) fn next_page(&mut self, number: u32) -> Result<(), ImportError> {
+    /// Moves the decoder to the next page.
+    pub(super) fn next_page(&mut self) -> Result<()> {
         self.decoder.inner().as_it_is();
-        let next = self.decoder.next_image();
-        next.map_err(|e| refusal(&self.path, &format!("page {number} cannot be read"), e))?;
-        self.arrive(self.page + 1)
+        let moved = self.decoder.next_image();
+        self.arrive(self.page + 1, moved)
     }
 
     /// Moves the decoder to a page, counted from 0.
-    pub(super) fn seek(&mut self, page: u32) -> Result<(), ImportError> {
+    pub(super) fn seek(&mut self, page: u32) -> Result<()> {
         self.decoder.inner().as_it_is();
-        let seek = self.decoder.seek_to_image(page as usize);
-        seek.map_err(|e| refusal(&self.path, &format!("page {} cannot be read", page + 1), e))?;
-        self.arrive(page)
+        let moved = self.decoder.seek_to_image(page as usize);
+        self.arrive(page, moved)
     }
 
-    pub(super) fn format(&mut self) -> Result<PageFormat, ImportError> {
+    pub(super) fn format(&mut self) -> Result<PageFormat> {
         let path = self.path.clone();
-        let refuse = |e| refusal(&path, "a page", e);
+        let refuse = |e| refusal(&path, PAGE, e);
         self.check_packing()?;
         let (width, height) = self.decoder.dimensions().map_err(refuse)?;
         let color = self.decoder.colortype().map_err(refuse)?;
+        let samples = color.num_samples();
         let layout = self.decoder.image_chunk_buffer_layout(0).map_err(refuse)?;
         let unsupported = || {
             let feature = format!("a page of {}-bit {}", color.bit_depth(), kind_of(color, layout.sample_format));
@@ -207,11 +220,10 @@ impl OpenTiff {
         let bits = color.bit_depth() as usize;
         let element =
             layout.sample_type.and_then(element_of).filter(|e| e.bytes() * 8 == bits).ok_or_else(unsupported)?;
-        let tag = |decoder: &mut Decoder<_>, tag| decoder.find_tag_unsigned::<u16>(tag).map_err(refuse);
-        let white_is_zero = match tag(&mut self.decoder, Tag::PhotometricInterpretation)? {
+        let white_is_zero = match self.number::<u16>(Tag::PhotometricInterpretation, PAGE)? {
             Some(1 | 2) => false,
             // Undone by a second inversion; the library inverts unsigned integers, one a pixel.
-            Some(0) if is_unsigned(element) && color.num_samples() == 1 => true,
+            Some(0) if is_unsigned(element) && samples == 1 => true,
             Some(0) => {
                 let feature = format!("{} of which the least is white (PhotometricInterpretation 0)", element.name());
                 let advice = "write it again with the least black (MINISBLACK)";
@@ -219,38 +231,32 @@ impl OpenTiff {
             }
             _ => return Err(unsupported()),
         };
-        let file_bytes = self.stamp.bytes();
-        if layout.len as u64 > file_bytes.saturating_mul(ABSURD_RATIO) {
-            let problem = format!(
-                "claims strips or tiles of {} bytes in a file of {file_bytes}: the header is damaged",
-                layout.len
-            );
+        let (claimed, file_bytes) = (layout.len as u64, self.stamp.bytes);
+        if claimed > file_bytes.saturating_mul(ABSURD_RATIO) {
+            let problem =
+                format!("claims strips or tiles of {claimed} bytes in a file of {file_bytes}: the header is damaged");
             return Err(ImportError::invalid(&path, problem));
         }
         self.check_depth()?;
-        let stored = tag(&mut self.decoder, Tag::SamplesPerPixel)?.unwrap_or(1);
-        if stored != color.num_samples() {
-            let feature = format!(
-                "a page of {stored} samples a pixel, of which only {} have a known meaning,",
-                color.num_samples()
-            );
+        let stored = self.number::<u16>(Tag::SamplesPerPixel, PAGE)?.unwrap_or(1);
+        if stored != samples {
+            let feature = format!("a page of {stored} samples a pixel, of which only {samples} have a known meaning,");
             let advice = "write it again with one sample a pixel, or as red, green and blue";
             return Err(ImportError::unsupported_but(&path, feature, advice));
         }
         let is_float = matches!(element, Element::Voxel(VoxelType::F32) | Element::F16 | Element::F64);
-        if tag(&mut self.decoder, Tag::Predictor)? == Some(3) && !is_float {
+        if self.number::<u16>(Tag::Predictor, PAGE)? == Some(3) && !is_float {
             return Err(ImportError::unsupported(&path, "a floating-point predictor of integers"));
         }
-        let planar = tag(&mut self.decoder, Tag::PlanarConfiguration)? == Some(2);
+        let planar = self.number::<u16>(Tag::PlanarConfiguration, PAGE)? == Some(2);
         let is_rgb = matches!(color, ColorType::RGB(_) | ColorType::RGBA(_));
         let turn = self.turn()?;
-        let (samples, is_palette) = (color.num_samples(), self.is_palette);
+        let is_palette = self.is_palette;
         Ok(PageFormat { width, height, element, samples, planar, white_is_zero, is_rgb, is_palette, turn })
     }
 
-    fn turn(&mut self) -> Result<Turn, ImportError> {
-        let value = self.decoder.find_tag_unsigned::<u16>(Tag::Orientation);
-        let value = value.map_err(|e| refusal(&self.path, "a page", e))?.unwrap_or(1);
+    fn turn(&mut self) -> Result<Turn> {
+        let value = self.number::<u16>(Tag::Orientation, PAGE)?.unwrap_or(1);
         Turn::of_orientation(value).ok_or_else(|| {
             let advice = "write it again with one from 1 to 8 (tiffset -s Orientation 1)";
             ImportError::unsupported_but(&self.path, format!("an Orientation of {value}"), advice)
@@ -258,16 +264,15 @@ impl OpenTiff {
     }
 
     /// Memory in bytes for decoding a strip or tile of the page: decoded pixels, decompressor, and lists of offsets and lengths.
-    pub(super) fn reader_bytes(&mut self, format: &PageFormat) -> Result<u64, ImportError> {
-        let path = self.path.clone();
-        let refuse = |e| refusal(&path, "a page", e);
-        let decoded = self.decoder.image_chunk_buffer_layout(0).map_err(refuse)?.len as u64;
-        let kept = match self.decoder.find_tag_unsigned::<u16>(Tag::Compression).map_err(refuse)? {
+    pub(super) fn reader_bytes(&mut self, format: &PageFormat) -> Result<u64> {
+        let layout = self.decoder.image_chunk_buffer_layout(0);
+        let decoded = layout.map_err(|e| refusal(&self.path, PAGE, e))?.len as u64;
+        let kept = match self.number::<u16>(Tag::Compression, PAGE)? {
             // Output and input together.
             Some(JPEG) => decoded.saturating_mul(2),
             Some(ZSTD) => decoded.min(MOST_ZSTD_WINDOW),
             // Its rows, and packed bytes, limited by the file's size.
-            Some(LZW) => decoded.saturating_add(self.stamp.bytes().min(decoded.saturating_mul(2))),
+            Some(LZW) => decoded.saturating_add(self.stamp.bytes.min(decoded.saturating_mul(2))),
             _ => 0,
         };
         let (width, height) = self.decoder.chunk_dimensions();
@@ -287,29 +292,25 @@ impl OpenTiff {
     }
 
     /// Refuses packings that the library would refuse only on reading, or misread.
-    fn check_packing(&mut self) -> Result<(), ImportError> {
-        let path = self.path.clone();
-        let tag = |decoder: &mut Decoder<_>, tag| {
-            decoder.find_tag_unsigned::<u16>(tag).map_err(|e| refusal(&path, "a page", e))
-        };
-        let code = tag(&mut self.decoder, Tag::Compression)?.unwrap_or(1);
+    fn check_packing(&mut self) -> Result<()> {
+        let code = self.number::<u16>(Tag::Compression, PAGE)?.unwrap_or(1);
         if !READ.contains(&code) {
             let name = NOT_READ.iter().find(|(c, _)| *c == code).map_or("unknown", |(_, name)| name);
             let advice = "write it again with another: none, LZW, Deflate, PackBits, JPEG and Zstandard are read";
-            return Err(ImportError::unsupported_but(&path, format!("compression {code} ({name})"), advice));
+            let feature = format!("compression {code} ({name})");
+            return Err(ImportError::unsupported_but(&self.path, feature, advice));
         }
-        if tag(&mut self.decoder, Tag::FillOrder)? == Some(2) {
+        if self.number::<u16>(Tag::FillOrder, PAGE)? == Some(2) {
             let advice = "write it again with the highest first (tiffcp -f msb2lsb)";
-            return Err(ImportError::unsupported_but(&path, "a FillOrder of the lowest bit first", advice));
+            return Err(ImportError::unsupported_but(&self.path, "a FillOrder of the lowest bit first", advice));
         }
         Ok(())
     }
 
     /// Refuses pages with a third dimension: the library ignores it, and would read the first slice.
-    fn check_depth(&mut self) -> Result<(), ImportError> {
+    fn check_depth(&mut self) -> Result<()> {
         for tag in [IMAGE_DEPTH, TILE_DEPTH] {
-            let depth = self.decoder.find_tag_unsigned::<u64>(tag);
-            let depth = depth.map_err(|e| refusal(&self.path, "a page", e))?.unwrap_or(1);
+            let depth = self.number::<u64>(tag, PAGE)?.unwrap_or(1);
             if depth > 1 {
                 let feature = format!("a page of {depth} slices (ImageDepth)");
                 return Err(ImportError::unsupported_but(&self.path, feature, "write it again with a page for each"));
@@ -320,16 +321,16 @@ impl OpenTiff {
 
     /// Checks the strips or tiles of the page: they must lie inside the file, not be empty, and hold all their pixels if
     /// uncompressed. `number` is the page's number, counted from 1, for messages.
-    pub(super) fn check_data(&mut self, path: &Path, number: u32) -> Result<(), ImportError> {
-        let page = |e| refusal(path, &format!("page {number}"), e);
+    pub(super) fn check_data(&mut self, number: u32) -> Result<()> {
+        let page = format!("page {number}");
         let plain = self.plain_chunk()?;
-        let is_jpeg = self.decoder.find_tag_unsigned::<u16>(Tag::Compression).map_err(page)? == Some(JPEG);
+        let is_jpeg = self.number::<u16>(Tag::Compression, &page)? == Some(JPEG);
         for (tag, counts) in [(Tag::StripOffsets, Tag::StripByteCounts), (Tag::TileOffsets, Tag::TileByteCounts)] {
-            let mut numbers = |tag| self.decoder.find_tag_unsigned_vec::<u64>(tag).map(Option::unwrap_or_default);
-            let (offsets, counts) = (numbers(tag).map_err(page)?, numbers(counts).map_err(page)?);
+            let (offsets, counts) = (self.numbers(tag, &page)?, self.numbers(counts, &page)?);
             if let (true, Some(&at), Some(&count)) = (is_jpeg, offsets.first(), counts.first()) {
-                self.check_jpeg(path, at, count)?;
+                self.check_jpeg(at, count)?;
             }
+            let (path, found) = (&self.path, self.stamp.bytes);
             for (i, (offset, count)) in offsets.into_iter().zip(counts).enumerate() {
                 if count == 0 {
                     let feature = format!("an empty strip or tile, as number {i} of page {number} is (a sparse file)");
@@ -338,8 +339,7 @@ impl OpenTiff {
                 }
                 let end = offset.saturating_add(count);
                 if let Some(needed) = plain.as_ref().map(|chunk| chunk.bytes(i as u64))
-                    && (count < needed
-                        || end > self.stamp.bytes() && offset.saturating_add(needed) <= self.stamp.bytes())
+                    && (count < needed || end > found && offset.saturating_add(needed) <= found)
                 {
                     let problem = format!(
                         "strip or tile {i} of page {number} is not compressed, and its pixels take {needed} bytes, but \
@@ -347,11 +347,10 @@ impl OpenTiff {
                     );
                     return Err(ImportError::invalid(path, problem));
                 }
-                if end > self.stamp.bytes() {
+                if end > found {
+                    let missing = end - found;
                     let problem = format!(
-                        "cut short: the data of page {number} reach to byte {end}, found {} ({} missing)",
-                        self.stamp.bytes(),
-                        end - self.stamp.bytes()
+                        "cut short: the data of page {number} reach to byte {end}, found {found} ({missing} missing)"
                     );
                     return Err(ImportError::invalid(path, problem));
                 }
@@ -361,28 +360,26 @@ impl OpenTiff {
     }
 
     /// Refuses JPEG kinds that the library mistakes for damage, by the head of a strip or tile.
-    fn check_jpeg(&mut self, path: &Path, at: u64, count: u64) -> Result<(), ImportError> {
+    fn check_jpeg(&mut self, at: u64, count: u64) -> Result<()> {
         let mut head = Vec::new();
         let file = self.decoder.inner();
         let read = file
             .seek(SeekFrom::Start(at))
             .and_then(|_| file.by_ref().take(count.min(JPEG_HEADER_BYTES)).read_to_end(&mut head));
-        read.map_err(ImportError::io(path))?;
+        read.map_err(ImportError::io(&self.path))?;
         let Some(kind) = jpeg::kind_not_read(&head) else { return Ok(()) };
         let advice =
             "write it again with another compression: none, LZW, Deflate, PackBits, Zstandard, or the usual JPEG";
-        Err(ImportError::unsupported_but(path, format!("{kind} JPEG"), advice))
+        Err(ImportError::unsupported_but(&self.path, format!("{kind} JPEG"), advice))
     }
 
     /// Strips or tiles of a page of uncompressed pixels.
-    fn plain_chunk(&mut self) -> Result<Option<PlainChunk>, ImportError> {
-        let path = self.path.clone();
-        let refuse = |e| refusal(&path, "cannot be read", e);
-        let mut tag = |tag| self.decoder.find_tag_unsigned::<u64>(tag).map_err(refuse);
-        if tag(Tag::Compression)?.unwrap_or(1) != 1 {
+    fn plain_chunk(&mut self) -> Result<Option<PlainChunk>> {
+        if self.number::<u64>(Tag::Compression, FILE)?.unwrap_or(1) != 1 {
             return Ok(None);
         }
-        let planar = tag(Tag::PlanarConfiguration)? == Some(2);
+        let planar = self.number::<u64>(Tag::PlanarConfiguration, FILE)? == Some(2);
+        let refuse = |e| refusal(&self.path, FILE, e);
         let (_, height) = self.decoder.dimensions().map_err(refuse)?;
         let color = self.decoder.colortype().map_err(refuse)?;
         let (width, rows) = self.decoder.chunk_dimensions();
@@ -396,20 +393,18 @@ impl OpenTiff {
     ///
     /// # Errors
     /// If the page is compressed, tiled, turned, or in strips with gaps.
-    pub(super) fn contiguous_start(&mut self, path: &Path, format: &PageFormat) -> Result<(u64, Endian), ImportError> {
-        let refuse = |e| refusal(path, "cannot be read", e);
-        let compression = self.decoder.find_tag_unsigned::<u16>(Tag::Compression).map_err(refuse)?.unwrap_or(1);
-        let mut numbers = |tag| self.decoder.find_tag_unsigned_vec::<u64>(tag).map(Option::unwrap_or_default);
-        let (offsets, counts) =
-            (numbers(Tag::StripOffsets).map_err(refuse)?, numbers(Tag::StripByteCounts).map_err(refuse)?);
+    pub(super) fn contiguous_start(&mut self, format: &PageFormat) -> Result<(u64, Endian)> {
+        let compression = self.number::<u16>(Tag::Compression, FILE)?.unwrap_or(1);
+        let (offsets, counts) = (self.numbers(Tag::StripOffsets, FILE)?, self.numbers(Tag::StripByteCounts, FILE)?);
         let (Some(&start), 1, true) = (offsets.first(), compression, format.turn.is_none()) else {
             let feature = "a compressed or tiled stack in one directory, or one of another Orientation than 1,";
-            return Err(ImportError::unsupported(path, feature));
+            return Err(ImportError::unsupported(&self.path, feature));
         };
         let ends = offsets.iter().zip(&counts).map(|(offset, count)| offset.saturating_add(*count));
         if offsets.iter().skip(1).zip(ends).any(|(next, end)| *next != end) {
             let feature = "a stack in one directory with gaps between its strips";
-            return Err(ImportError::unsupported_but(path, feature, "write it again with a directory for each plane"));
+            let advice = "write it again with a directory for each plane";
+            return Err(ImportError::unsupported_but(&self.path, feature, advice));
         }
         Ok((start, self.endian()))
     }
@@ -422,7 +417,7 @@ impl OpenTiff {
         decode: Decode,
         region: VoxelBox,
         out: &mut [u8],
-    ) -> Result<(), ImportError> {
+    ) -> Result<()> {
         if format.turn.is_none() {
             return self.read_stored(format, sample, decode, region, out);
         }
@@ -441,7 +436,7 @@ impl OpenTiff {
         decode: Decode,
         region: VoxelBox,
         out: &mut [u8],
-    ) -> Result<(), ImportError> {
+    ) -> Result<()> {
         let (chunk_width, chunk_height) = self.chunk_size(format);
         let (across, down) = self.chunks(format);
         let plane = if format.planar { sample * across * down } else { 0 };
@@ -464,7 +459,7 @@ impl OpenTiff {
     }
 
     /// Decodes a strip or tile into the buffer; returns the bytes from one of its rows to the next.
-    fn decode_chunk(&mut self, index: u32, format: &PageFormat) -> Result<usize, ImportError> {
+    fn decode_chunk(&mut self, index: u32, format: &PageFormat) -> Result<usize> {
         let layout = self.decoder.image_chunk_buffer_layout(index);
         let layout = layout.map_err(|e| refusal(&self.path, &format!("strip or tile {index}"), e))?;
         let stride = layout.row_stride.map_or(layout.len, usize::from);
@@ -485,7 +480,7 @@ impl OpenTiff {
     }
 
     /// Decodes an LZW strip or tile into the buffer, with rows of `stride` bytes.
-    fn decode_lzw(&mut self, index: u32, format: &PageFormat, stride: usize) -> Result<(), ImportError> {
+    fn decode_lzw(&mut self, index: u32, format: &PageFormat, stride: usize) -> Result<()> {
         let damaged = |path: &Path, problem: String| {
             let problem = format!("strip or tile {index} cannot be decoded: {problem}; fetch the file again");
             ImportError::invalid(path, problem)
@@ -496,7 +491,7 @@ impl OpenTiff {
         let Self { path, decoder, stamp, packing, chunk, scratch: [unpacked, packed], .. } = self;
         let Packing::Lzw { offsets, counts, predictor } = packing else { return Ok(()) };
         let place = offsets.get(index as usize).zip(counts.get(index as usize));
-        let place = place.filter(|(at, count)| at.checked_add(**count).is_some_and(|end| end <= stamp.bytes()));
+        let place = place.filter(|(at, count)| at.checked_add(**count).is_some_and(|end| end <= stamp.bytes));
         let Some((&at, &count)) = place else { return Err(damaged(path, "it lies outside of the file".into())) };
         let samples = if format.planar { 1 } else { format.samples as usize };
         let width = format.element.bytes();
@@ -523,19 +518,16 @@ impl OpenTiff {
         Ok(())
     }
 
-    fn find_packing(&mut self) -> Result<Packing, ImportError> {
-        let path = self.path.clone();
-        let refuse = |e| refusal(&path, "a page", e);
-        if self.decoder.find_tag_unsigned::<u16>(Tag::Compression).map_err(refuse)? != Some(LZW) {
+    fn find_packing(&mut self) -> Result<Packing> {
+        if self.number::<u16>(Tag::Compression, PAGE)? != Some(LZW) {
             return Ok(Packing::Library);
         }
         let (offsets, counts) = match self.decoder.get_chunk_type() {
             ChunkType::Strip => (Tag::StripOffsets, Tag::StripByteCounts),
             ChunkType::Tile => (Tag::TileOffsets, Tag::TileByteCounts),
         };
-        let mut numbers = |tag| self.decoder.find_tag_unsigned_vec::<u64>(tag).map(Option::unwrap_or_default);
-        let (offsets, counts) = (numbers(offsets).map_err(refuse)?, numbers(counts).map_err(refuse)?);
-        let predictor = match self.decoder.find_tag_unsigned::<u16>(Tag::Predictor).map_err(refuse)? {
+        let (offsets, counts) = (self.numbers(offsets, PAGE)?, self.numbers(counts, PAGE)?);
+        let predictor = match self.number::<u16>(Tag::Predictor, PAGE)? {
             Some(2) => Predictor::Horizontal,
             Some(3) => Predictor::Floats,
             _ => Predictor::None,
@@ -551,11 +543,7 @@ impl OpenTiff {
     }
 
     /// Calls `see` with the decoded samples of every strip or tile of the current page, in this machine's byte order.
-    pub(super) fn each_chunk(
-        &mut self,
-        format: &PageFormat,
-        mut see: impl FnMut(&[u8]) -> Result<(), ImportError>,
-    ) -> Result<(), ImportError> {
+    pub(super) fn each_chunk(&mut self, format: &PageFormat, mut see: impl FnMut(&[u8]) -> Result<()>) -> Result<()> {
         let (across, down) = self.chunks(format);
         let planes = if format.planar { format.samples as u32 } else { 1 };
         for index in 0..planes * across * down {
@@ -658,7 +646,7 @@ fn element_of(sample: DecodingSampleType) -> Option<Element> {
 }
 
 /// An optional tag's value: `None` if missing or damaged. But a disk error is returned, since the tag may define the values.
-pub(super) fn said<T>(path: &Path, read: Result<Option<T>, TiffError>) -> Result<Option<T>, ImportError> {
+pub(super) fn said<T>(path: &Path, read: Result<Option<T>, TiffError>) -> Result<Option<T>> {
     match read {
         Err(TiffError::IoError(error)) if !is_damage(&error) => Err(ImportError::io(path)(error)),
         read => Ok(read.ok().flatten()),

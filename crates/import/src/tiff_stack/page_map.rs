@@ -3,8 +3,13 @@
 use super::description::Declared;
 use super::page::PageFormat;
 use crate::axes::{Axis, AxisOrder, Sizes};
+use crate::error::{ImportError, Result};
 use crate::note::Note;
 use crate::options::OpenOptions;
+use std::path::Path;
+
+/// Axes of a list of planes, slowest first.
+pub(super) const LISTED: [Axis; 3] = [Axis::T, Axis::C, Axis::Z];
 
 /// Place of a plane.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -27,7 +32,7 @@ pub(super) struct PageMap {
 pub(super) enum PageOrder {
     /// Pages along these axes (of t, c, z), slowest first, through files of equally many pages.
     Along { axes: Vec<Axis>, pages_per_file: u32 },
-    /// One place for each plane, along t, c and z, slowest first.
+    /// One place for each plane, along [`LISTED`].
     Listed(Vec<Place>),
 }
 
@@ -45,65 +50,47 @@ impl PageMap {
         }
     }
 
-    /// The place of a plane. Every index is below its size.
-    pub(super) fn place(&self, time: u32, page_channel: u32, z: u32) -> Place {
-        let index = |axes: &[Axis]| {
-            axes.iter().fold(0, |index, &axis| {
-                let i = match axis {
-                    Axis::T => time,
-                    Axis::C => page_channel,
-                    _ => z,
-                };
-                index * self.sizes.of(axis) as u64 + i as u64
-            })
-        };
+    /// The place of a plane, given by its step, channel and slice. Every index is below its size.
+    pub(super) fn place(&self, plane: [u32; 3]) -> Place {
         match &self.order {
             PageOrder::Along { axes, pages_per_file } => {
-                let page = index(axes);
-                let per_file = *pages_per_file as u64;
+                let (page, per_file) = (self.sizes.number_of(plane, axes), *pages_per_file as u64);
                 Place { file: (page / per_file) as u32, page: (page % per_file) as u32 }
             }
-            PageOrder::Listed(places) => places[index(&[Axis::T, Axis::C, Axis::Z]) as usize],
+            PageOrder::Listed(places) => places[self.sizes.number_of(plane, &LISTED) as usize],
         }
     }
 
-    pub(super) fn planes(&self) -> u64 {
-        planes_of(self.sizes)
+    /// All planes in the order of a list.
+    fn planes(&self) -> impl Iterator<Item = [u32; 3]> + use<> {
+        let sizes = self.sizes;
+        (0..sizes.planes()).map(move |number| sizes.plane_of(number, &LISTED))
     }
 
     /// Places of all planes, file by file.
     pub(super) fn by_file(&self) -> Vec<Place> {
-        let Sizes { extent, channels, times } = self.sizes;
-        let mut places: Vec<Place> = (0..times)
-            .flat_map(|t| (0..channels).flat_map(move |c| (0..extent.z).map(move |z| (t, c, z))))
-            .map(|(t, c, z)| self.place(t, c, z))
-            .collect();
+        let mut places: Vec<Place> = self.planes().map(|plane| self.place(plane)).collect();
         places.sort_unstable();
         places
     }
 
     /// Returns the same map as a rule, if the planes of one file lie along these axes.
     pub(super) fn shortened(self, axes: &[Axis]) -> Self {
-        let rule = Self::along(axes, self.sizes, self.planes().try_into().unwrap_or(u32::MAX));
-        let Sizes { extent, channels, times } = self.sizes;
-        let is_same = (0..times)
-            .all(|t| (0..channels).all(|c| (0..extent.z).all(|z| self.place(t, c, z) == rule.place(t, c, z))));
+        let rule = Self::along(axes, self.sizes, self.sizes.planes().try_into().unwrap_or(u32::MAX));
+        let is_same = self.planes().all(|plane| self.place(plane) == rule.place(plane));
         if is_same { rule } else { self }
     }
 
     /// Skips these pages, ascending, in the map of one file.
     pub(super) fn without(self, left_out: &[u32]) -> Self {
-        let planes = self.planes() as u32;
+        let planes = self.sizes.planes() as u32;
         if left_out.first().is_none_or(|&first| first >= planes) {
             return self;
         }
         let kept: Vec<u32> =
             (0..planes + left_out.len() as u32).filter(|page| left_out.binary_search(page).is_err()).collect();
-        let Sizes { extent, channels, times } = self.sizes;
-        let places = (0..times)
-            .flat_map(|t| (0..channels).flat_map(move |c| (0..extent.z).map(move |z| (t, c, z))))
-            .map(|(t, c, z)| Place { file: 0, page: kept[self.place(t, c, z).page as usize] })
-            .collect();
+        let place = |plane| Place { file: 0, page: kept[self.place(plane).page as usize] };
+        let places = self.planes().map(place).collect();
         Self { order: PageOrder::Listed(places), ..self }
     }
 
@@ -116,26 +103,23 @@ impl PageMap {
     }
 }
 
-/// Number of planes of these sizes in pages.
-pub(super) fn planes_of(sizes: Sizes) -> u64 {
-    (sizes.extent.z as u64).saturating_mul(sizes.channels as u64).saturating_mul(sizes.times as u64)
-}
-
 /// Maps `files` files of equally many pages, with a note, if any: by the caller's axes, else as declared, else all along z.
+/// `path` is the first file, for messages.
 ///
 /// # Errors
 /// If the number of pages differs from the axes or the description; the message names which.
 pub(super) fn arrange(
+    path: &Path,
     pages: u32,
     files: u32,
     options: &OpenOptions,
     declared: Option<&Declared>,
     format: &PageFormat,
-) -> Result<(PageMap, Option<Note>), Misfit> {
+) -> Result<(PageMap, Option<Note>)> {
     let all = pages.saturating_mul(files);
     let map = |axes: &[Axis], sizes: Sizes| PageMap::along(axes, of_page(sizes, format), pages);
     if let Some(axes) = &options.axes {
-        let (page_axes, sizes) = as_told(axes, all, options).map_err(Misfit::OfOptions)?;
+        let (page_axes, sizes) = as_told(axes, all, options).map_err(|problem| ImportError::options(path, problem))?;
         return Ok((map(&page_axes, sizes), None));
     }
     let along_z = || map(&[Axis::Z], Sizes::from_ordered(&[Axis::Z], &[all]));
@@ -146,31 +130,20 @@ pub(super) fn arrange(
         );
         return Ok((along_z(), Some(Note::new(note))));
     }
-    let sizes = declared.page_sizes(format).map_err(Misfit::OfFile)?;
-    if planes_of(sizes) != all as u64 {
-        return Err(Misfit::OfFile(too_few_or_many(sizes, all as u64, "it holds")));
+    let sizes = declared.page_sizes(format).map_err(|problem| ImportError::invalid(path, problem))?;
+    if sizes.planes() != all as u64 {
+        return Err(ImportError::invalid(path, too_few_or_many(sizes, all as u64, "it holds")));
     }
     Ok((map(&declared.page_axes, sizes), None))
 }
 
-/// Mismatch of pages and their description.
-#[derive(Debug)]
-pub(super) enum Misfit {
-    /// By the caller's options.
-    OfOptions(String),
-    /// By the file.
-    OfFile(String),
-}
-
 /// Message for a description of more or fewer planes than pages. `holders` hold the pages.
 pub(super) fn too_few_or_many(sizes: Sizes, pages: u64, holders: &str) -> String {
+    let (planes, Sizes { extent, channels, times }) = (sizes.planes(), sizes);
+    let z = extent.z;
     format!(
-        "its description declares {} planes ({} along z, {} channels, {} time steps), but {holders} {pages} pages; \
-         pass `axes` zyx to take the pages as they are",
-        planes_of(sizes),
-        sizes.extent.z,
-        sizes.channels,
-        sizes.times
+        "its description declares {planes} planes ({z} along z, {channels} channels, {times} time steps), but {holders} \
+         {pages} pages; pass `axes` zyx to take the pages as they are"
     )
 }
 
@@ -219,7 +192,7 @@ mod tests {
         let rule = PageMap::along(&axes, sizes, 12);
         let listed = || {
             let places = (0..2).flat_map(|t| (0..3).flat_map(move |c| (0..2).map(move |z| (t, c, z))));
-            places.map(|(t, c, z)| rule.place(t, c, z)).collect::<Vec<_>>()
+            places.map(|(t, c, z)| rule.place([t, c, z])).collect::<Vec<_>>()
         };
         assert_eq!(PageMap { sizes, order: PageOrder::Listed(listed()) }.shortened(&axes), rule);
         let mut turned = listed();

@@ -2,7 +2,7 @@
 
 use super::description::nearest;
 use super::page::{OpenTiff, PageFormat};
-use crate::error::ImportError;
+use crate::error::{ImportError, Result};
 use crate::options::{NoData, OpenOptions};
 use std::path::Path;
 
@@ -13,14 +13,15 @@ pub(super) struct PageTags {
 }
 
 impl PageTags {
-    pub(super) fn of(tiff: &mut OpenTiff, format: &PageFormat, options: &OpenOptions) -> Result<Self, ImportError> {
-        let nodata = tiff.gdal_nodata()?.filter(|_| options.nodata == NoData::OfFile);
+    pub(super) fn of(tiff: &mut OpenTiff, format: &PageFormat, options: &OpenOptions) -> Result<Self> {
+        // NaN holds no data anyway.
+        let nodata = tiff.gdal_number()?.filter(|number| !number.is_nan() && options.nodata == NoData::OfFile);
         let resolution = tiff.scale_tags()?.resolution.filter(|_| options.spacing.is_none());
         Ok(Self { nodata: nodata.map(|value| nearest(value, format.element)), resolution })
     }
 
     /// Refuses a page whose tags differ from the first one's. Some programs tag only the first page.
-    pub(super) fn check(&self, path: &Path, page: u32, first: &Self) -> Result<(), ImportError> {
+    pub(super) fn check(&self, path: &Path, page: u32, first: &Self) -> Result<()> {
         if let Some(nodata) = self.nodata.filter(|nodata| Some(*nodata) != first.nodata) {
             let first = first.nodata.map_or("no value".into(), |value| value.to_string());
             let problem = format!(

@@ -10,8 +10,6 @@ use super::page::PageFormat;
 use super::tag_scale::ScaleTags;
 use crate::axes::Axis;
 use crate::note::Note;
-use crate::step_time::TimeSpan;
-use brickyard_volume::TimeAxis;
 use serde_json::Value;
 
 /// Most bytes of a description.
@@ -45,12 +43,8 @@ pub(super) fn read(text: &str, format: &PageFormat, tags: &ScaleTags) -> Descrip
     let step = [("finterval", "tunit"), ("TimeIncrement", "TimeIncrementUnit")]
         .iter()
         .find_map(|(step, unit)| Some((number(&values, step).filter(|step| *step != 0.0)?, text_of(&values, unit))));
-    match step.map(|(step, unit)| (step, unit.unwrap_or("s"))) {
-        Some((step, unit)) if declared.times > 1 => {
-            description.set_time(TimeAxis { step, ..TimeAxis::default() }, unit, declared.times);
-        }
-        Some((step, unit)) => description.step_time.increment = TimeSpan::of(step, unit),
-        None => {}
+    if let Some((step, unit)) = step {
+        description.set_increment(step, unit.unwrap_or("s"), declared.times);
     }
     Description { declared: Some(declared), ..description }
 }
@@ -179,14 +173,7 @@ impl Array {
             return Err(format!("has {} axes '{axes}' for the shape {:?}", axes.chars().count(), self.shape));
         }
         let unfit = || format!("has the shape {}, which pages of {format} do not fit", self.words());
-        let samples = format.samples as u32;
-        let y_x = [('X', format.width), ('Y', format.height)];
-        let of_page: Vec<(&[char], u32)> = match (samples, format.planar) {
-            (1, _) => vec![(&['X'], y_x[0].1), (&['Y'], y_x[1].1)],
-            (_, false) => vec![(&['S', 'C'], samples), (&['X'], y_x[0].1), (&['Y'], y_x[1].1)],
-            (_, true) => vec![(&['X'], y_x[0].1), (&['Y'], y_x[1].1), (&['S', 'C'], samples)],
-        };
-        for (letters, size) in of_page {
+        for (letters, size) in axes_of_page(format) {
             while rest.last().is_some_and(|(letter, n)| *n == 1 && !letters.contains(letter)) {
                 rest.pop();
             }
@@ -199,14 +186,9 @@ impl Array {
     /// Like [`Self::named_before_page`], for axes without names.
     fn unnamed_before_page(&self, format: &PageFormat) -> Result<Vec<(char, u32)>, String> {
         let mut rest = self.shape.clone();
-        let samples = format.samples as u32;
-        let of_page = match (samples, format.planar) {
-            (1, _) => vec![format.width, format.height],
-            (_, false) => vec![samples, format.width, format.height],
-            (_, true) => vec![format.width, format.height, samples],
-        };
+        let of_page = axes_of_page(format).into_iter().map(|(_, size)| size);
         // Axes of length 1 may be left out, or be there.
-        for size in of_page.into_iter().filter(|size| *size > 1) {
+        for size in of_page.filter(|size| *size > 1) {
             while rest.last() == Some(&1) {
                 rest.pop();
             }
@@ -223,11 +205,23 @@ impl Array {
     }
 }
 
+/// Letters and size of each axis of a page, fastest first.
+fn axes_of_page(format: &PageFormat) -> Vec<(&'static [char], u32)> {
+    let [x, y, s]: [(&[char], u32); 3] =
+        [(&['X'], format.width), (&['Y'], format.height), (&['S', 'C'], format.samples.into())];
+    match (format.samples, format.planar) {
+        (1, _) => vec![x, y],
+        (_, false) => vec![s, x, y],
+        (_, true) => vec![x, y, s],
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::element::Element;
     use crate::testing::{is_warned, said};
+    use brickyard_volume::TimeAxis;
     use brickyard_volume::VoxelType;
 
     fn format(samples: u16, planar: bool) -> PageFormat {

@@ -7,7 +7,6 @@ use super::description::{Declared, Description, Spacing};
 use super::hyperstack::is_length;
 use crate::axes::Axis;
 use crate::note::Note;
-use brickyard_volume::TimeAxis;
 use std::io::{Read, Seek, SeekFrom};
 use tiff::tags::Tag;
 
@@ -47,10 +46,7 @@ pub(super) fn read(file: &mut (impl Read + Seek), ifd: u64, file_bytes: u64) -> 
         Some([4, 8].map(|at| u64::from(long(entry, at))))
     };
     let Some([planes, at]) = find(UIC2_NUMBER) else { return Ok(None) };
-    let uic2 = match planes <= MOST_PLANES {
-        true => tags.bytes(at, planes * UIC2_BYTES)?,
-        false => None,
-    };
+    let uic2 = if planes <= MOST_PLANES { tags.bytes(at, planes * UIC2_BYTES)? } else { None };
     let Some(uic2) = uic2.filter(|bytes| !bytes.is_empty()) else {
         let problem = format!("is a MetaMorph stack (STK) of {planes} planes, but its tag 33629 (UIC2) is cut short");
         return Ok(Some(Description::unreadable(problem)));
@@ -95,12 +91,8 @@ fn described(planes: &[[u8; UIC2_BYTES as usize]]) -> Description {
         let stamps =
             planes.iter().map(created).map(|(day, second)| (day - first_day) * DAY_S + second).collect::<Vec<_>>();
         let first = stamps[0];
-        match TimeAxis::of_stamps(stamps.into_iter().map(|stamp| stamp - first).collect(), None) {
-            Ok(axis) => description.set_time(axis, "s", count),
-            Err(problem) => {
-                description.notes.push(Note::warning(format!("MetaMorph's times are left out: {problem}.")));
-            }
-        }
+        let stamps = stamps.into_iter().map(|stamp| stamp - first).collect();
+        description.set_stamps(stamps, "s", "MetaMorph's");
     } else if count > 1 {
         let note = "MetaMorph's planes have no distances, and no times of their own: they are taken along z.";
         description.notes.push(Note::new(note));
@@ -134,25 +126,19 @@ impl<R: Read + Seek> Tags<'_, R> {
     fn calibrate(&mut self, description: &mut Description, entries: &[u8]) -> std::io::Result<()> {
         let find = |kind| entries.as_chunks::<8>().0.iter().find(|e| long(*e, 0) == kind).map(|e| long(e, 4));
         let depth = description.spacing.and_then(|spacing| spacing.z);
-        let no_pixels = |description: &mut Description| {
-            if depth.is_some() {
-                description.set_unit(Some("um"));
-                let note = "MetaMorph's file says how far planes lie apart, not how large pixels are: 1 is taken along x and y.";
-                description.notes.push(Note::warning(note));
-            }
-        };
-        if find(SPATIAL_CALIBRATION) == Some(0) {
-            no_pixels(description);
-            return Ok(());
-        }
+        let find_size = |kind| find(kind).filter(|_| find(SPATIAL_CALIBRATION) != Some(0));
         let mut size = |kind| {
-            let Some(at) = find(kind) else { return Ok::<_, std::io::Error>(None) };
+            let Some(at) = find_size(kind) else { return Ok::<_, std::io::Error>(None) };
             let fraction = self.bytes(at.into(), 8)?;
             Ok(fraction.map(|b| f64::from(long(&b, 0)) / f64::from(long(&b, 4))).filter(|&size| is_length(size)))
         };
         let (x, y) = (size(X_CALIBRATION)?, size(Y_CALIBRATION)?);
         let Some((x, y)) = x.zip(y.or(x)) else {
-            no_pixels(description);
+            if depth.is_some() {
+                description.set_unit(Some("um"));
+                let note = "MetaMorph's file says how far planes lie apart, not how large pixels are: 1 is taken along x and y.";
+                description.notes.push(Note::warning(note));
+            }
             return Ok(());
         };
         let unit = match find(CALIBRATION_UNITS) {
@@ -182,6 +168,7 @@ impl<R: Read + Seek> Tags<'_, R> {
 mod tests {
     use super::*;
     use crate::testing::{is_warned, said};
+    use brickyard_volume::TimeAxis;
     use std::io::Cursor;
 
     /// A directory with UIC2 of planes (distance in halves, milliseconds), and UIC1 of a calibration.

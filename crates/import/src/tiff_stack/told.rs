@@ -9,11 +9,10 @@ use super::refusal::is_damage;
 use super::tag_scale::ScaleTags;
 use super::xml::Failure;
 use super::{hyperstack, imagej, shaped, stk};
-use crate::error::ImportError;
+use crate::error::{ImportError, Result};
 use crate::note::Note;
 use brickyard_volume::ChannelLook;
 use std::io::{BufReader, Read};
-use std::path::Path;
 use tiff::TiffError;
 use tiff::decoder::ifd::Value;
 use tiff::tags::{ByteOrder, Tag, Type};
@@ -46,7 +45,7 @@ impl OpenTiff {
     ///
     /// # Errors
     /// If the disk cannot read it.
-    pub(super) fn description(&mut self, format: &PageFormat) -> Result<Description, ImportError> {
+    pub(super) fn description(&mut self, format: &PageFormat) -> Result<Description> {
         let tags = self.scale_tags()?;
         let mut description = self.text_description(format, &tags)?.unwrap_or_default();
         let says_nothing = description.declared.is_none() && description.ome.is_none() && description.problem.is_none();
@@ -91,33 +90,31 @@ impl OpenTiff {
     ///
     /// # Errors
     /// If the disk cannot read it.
-    pub(super) fn ome_uuid(&mut self) -> Result<Option<String>, ImportError> {
-        let path = self.path.clone();
+    pub(super) fn ome_uuid(&mut self) -> Result<Option<String>> {
         let length = self.decoder.image_ifd().find_entry(Tag::ImageDescription).map_or(0, |entry| entry.count());
-        let text = TagText { end: length.min(LONGEST_DESCRIPTION).min(self.stamp.bytes()), tiff: self, at: 0 };
+        let text = TagText { end: length.min(LONGEST_DESCRIPTION).min(self.stamp.bytes), tiff: self, at: 0 };
         match ome::uuid(BufReader::new(text)) {
             Ok(uuid) => Ok(uuid),
-            Err(Failure::Disk(error)) => Err(ImportError::io(&path)(error)),
+            Err(Failure::Disk(error)) => Err(ImportError::io(&self.path)(error)),
             Err(Failure::Meaning(_)) => Ok(None),
         }
     }
 
     /// Parses the description's text; `None` for a plain remark.
-    fn text_description(&mut self, format: &PageFormat, tags: &ScaleTags) -> Result<Option<Description>, ImportError> {
-        let path = self.path.clone();
+    fn text_description(&mut self, format: &PageFormat, tags: &ScaleTags) -> Result<Option<Description>> {
         let entry = self.decoder.image_ifd().find_entry(Tag::ImageDescription);
         let is_text = |kind| matches!(kind, Type::ASCII | Type::BYTE | Type::UNDEFINED);
         let Some(length) = entry.filter(|entry| is_text(entry.field_type())).map(|entry| entry.count()) else {
             return Ok(None);
         };
-        let length = length.min(self.stamp.bytes());
+        let length = length.min(self.stamp.bytes);
         let start = self.text(START_BYTES.min(length))?;
         let start = start.trim_start_matches('\u{feff}').trim_start();
         if start.starts_with('<') {
             let text = TagText { tiff: self, at: 0, end: length.min(LONGEST_DESCRIPTION) };
             return match ome::read(BufReader::with_capacity(1 << 16, text)) {
                 Ok(description) => Ok(description),
-                Err(Failure::Disk(error)) => Err(ImportError::io(&path)(error)),
+                Err(Failure::Disk(error)) => Err(ImportError::io(&self.path)(error)),
                 Err(Failure::Meaning(_)) if length > LONGEST_DESCRIPTION => {
                     Ok(Some(too_long("OME-XML", length, LONGEST_DESCRIPTION)))
                 }
@@ -143,10 +140,10 @@ impl OpenTiff {
     }
 
     /// The first bytes of the description.
-    fn text(&mut self, length: u64) -> Result<String, ImportError> {
-        let path = self.path.clone();
+    fn text(&mut self, length: u64) -> Result<String> {
         let mut bytes = Vec::new();
-        TagText { tiff: self, at: 0, end: length }.read_to_end(&mut bytes).map_err(ImportError::io(&path))?;
+        let read = TagText { tiff: self, at: 0, end: length }.read_to_end(&mut bytes);
+        read.map_err(ImportError::io(&self.path))?;
         Ok(match String::from_utf8(bytes) {
             Ok(text) => text,
             // ImageJ writes Latin-1, whose bytes are the first 256 code points.
@@ -159,8 +156,7 @@ impl OpenTiff {
     }
 
     /// The description by MetaMorph's tags; `None` if there are none.
-    fn stk(&mut self) -> Result<Option<Description>, ImportError> {
-        let path = self.path.clone();
+    fn stk(&mut self) -> Result<Option<Description>> {
         if !self.is_metamorph() {
             return Ok(None);
         }
@@ -169,22 +165,21 @@ impl OpenTiff {
             return Ok(Some(Description::unreadable(problem.into())));
         }
         let Some(ifd) = self.decoder.ifd_pointer() else { return Ok(None) };
-        let bytes = self.stamp.bytes();
-        stk::read(self.decoder.inner(), ifd.0, bytes).map_err(ImportError::io(&path))
+        let bytes = self.stamp.bytes;
+        stk::read(self.decoder.inner(), ifd.0, bytes).map_err(ImportError::io(&self.path))
     }
 
     /// The program of an unsupported description of several pages' order.
-    fn other_description(&mut self) -> Result<Option<&'static str>, ImportError> {
+    fn other_description(&mut self) -> Result<Option<&'static str>> {
         if !self.has_more_pages() {
             return Ok(None);
         }
-        let path = self.path.clone();
         let tags = self.decoder.image_ifd();
         if let Some((_, name)) = OTHERS.iter().find(|(tag, _)| tags.find_entry(Tag::Unknown(*tag)).is_some()) {
             return Ok(Some(name));
         }
         let length = tags.find_entry(Tag::ImageDescription).map_or(0, |entry| entry.count());
-        let start = self.text(START_BYTES.min(length).min(self.stamp.bytes()))?;
+        let start = self.text(START_BYTES.min(length).min(self.stamp.bytes))?;
         if let Some((_, name)) = OTHER_XML.iter().find(|(element, _)| start.contains(element)) {
             return Ok(Some(name));
         }
@@ -193,7 +188,7 @@ impl OpenTiff {
             let mut start = vec![0; expected.len()];
             let is_long = tags.find_entry(tag).is_some_and(|entry| entry.count() >= expected.len() as u64);
             Ok::<_, ImportError>(
-                is_long && said(&path, tags.find_tag_bytes(tag, &mut start, 0))?.is_some() && start == expected,
+                is_long && said(&self.path, tags.find_tag_bytes(tag, &mut start, 0))?.is_some() && start == expected,
             )
         };
         let is_scanimage = starts(Tag::Software, b"SI.")?
@@ -202,36 +197,30 @@ impl OpenTiff {
         Ok(is_scanimage.then_some("ScanImage"))
     }
 
-    /// Stored number of pixels without data, other than NaN, which holds no data anyway.
-    pub(super) fn gdal_nodata(&mut self) -> Result<Option<f64>, ImportError> {
-        Ok(self.gdal_number()?.filter(|number| !number.is_nan()))
-    }
-
     /// Stored number of pixels without data, in digits, as written by GDAL.
-    fn gdal_number(&mut self) -> Result<Option<f64>, ImportError> {
-        let path = self.path.clone();
+    pub(super) fn gdal_number(&mut self) -> Result<Option<f64>> {
         let mut bytes = [0; LONGEST_NUMBER];
         let mut tags = self.decoder.image_ifd();
         let entry = tags.find_entry(Tag::GdalNodata).filter(|entry| entry.field_type() == Type::ASCII);
         let length = entry.map_or(0, |entry| entry.count()).min(LONGEST_NUMBER as u64) as usize;
-        said(&path, tags.find_tag_bytes(Tag::GdalNodata, &mut bytes[..length], 0))?;
+        said(&self.path, tags.find_tag_bytes(Tag::GdalNodata, &mut bytes[..length], 0))?;
         let text = std::str::from_utf8(&bytes[..length]).unwrap_or_default();
         Ok(text.split('\0').next().unwrap_or_default().trim().parse().ok())
     }
 
     /// ImageJ's looks of the channels; empty if the file has none.
-    fn imagej_looks(&mut self) -> Result<Vec<ChannelLook>, ImportError> {
-        let path = self.path.clone();
-        let counts = said(&path, self.decoder.find_tag_unsigned_vec::<u64>(imagej::BYTE_COUNTS))?.unwrap_or_default();
+    fn imagej_looks(&mut self) -> Result<Vec<ChannelLook>> {
+        let counts =
+            said(&self.path, self.decoder.find_tag_unsigned_vec::<u64>(imagej::BYTE_COUNTS))?.unwrap_or_default();
         let mut tags = self.decoder.image_ifd();
         let length = tags.find_entry(imagej::METADATA).map_or(0, |entry| entry.count());
-        let mut bytes = vec![0; length.min(LONGEST_LOOKS).min(self.stamp.bytes()) as usize];
-        let read = said(&path, tags.find_tag_bytes(imagej::METADATA, &mut bytes, 0))?;
+        let mut bytes = vec![0; length.min(LONGEST_LOOKS).min(self.stamp.bytes) as usize];
+        let read = said(&self.path, tags.find_tag_bytes(imagej::METADATA, &mut bytes, 0))?;
         bytes.truncate(read.unwrap_or(0));
         Ok(imagej::channel_looks(&bytes, &counts))
     }
 
-    pub(super) fn scale_tags(&mut self) -> Result<ScaleTags, ImportError> {
+    pub(super) fn scale_tags(&mut self) -> Result<ScaleTags> {
         let mut ratio = |tag| {
             Ok::<_, ImportError>(match said(&self.path, self.decoder.find_tag(tag))? {
                 Some(Value::Rational(n, d)) if d > 0 => Some(n as f64 / d as f64),
@@ -283,9 +272,4 @@ impl Read for TagText<'_> {
             Err(_) => Ok(0),
         }
     }
-}
-
-/// A file's name, for messages about another.
-pub(super) fn name_of(path: &Path) -> String {
-    path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
 }

@@ -36,11 +36,6 @@ impl Turn {
         self == Self::default()
     }
 
-    /// Size along x and y of a turned page.
-    pub(super) fn size(self, [x, y]: [u32; 2]) -> [u32; 2] {
-        if self.transposed { [y, x] } else { [x, y] }
-    }
-
     /// Converts values along the stored x and y to the shown ones.
     pub(super) fn meant<T>(self, [x, y]: [T; 2]) -> [T; 2] {
         if self.transposed { [y, x] } else { [x, y] }
@@ -53,19 +48,19 @@ impl Turn {
         };
         let x = along(self.flip_x, 0, region.min.x, region.max.x);
         let y = along(self.flip_y, 1, region.min.y, region.max.y);
-        let [x, y] = if self.transposed { [y, x] } else { [x, y] };
+        let [x, y] = self.meant([x, y]);
         VoxelBox::new([x[0], y[0], region.min.z], [x[1], y[1], region.max.z])
     }
 
     /// Turns stored voxels of `voxel` bytes each. `size` is the turned size along x and y.
     pub(super) fn turn(self, stored: &[u8], size: [u32; 2], voxel: usize, out: &mut [u8]) {
         let [columns, rows] = size.map(|n| n as usize);
-        let stored_columns = if self.transposed { rows } else { columns };
+        let [stored_columns, _] = self.meant([columns, rows]);
         for (i, to) in out.chunks_exact_mut(voxel).enumerate() {
             let (x, y) = (i % columns, i / columns);
             let x = if self.flip_x { columns - 1 - x } else { x };
             let y = if self.flip_y { rows - 1 - y } else { y };
-            let [column, row] = if self.transposed { [y, x] } else { [x, y] };
+            let [column, row] = self.meant([x, y]);
             let from = (row * stored_columns + column) * voxel;
             to.copy_from_slice(&stored[from..from + voxel]);
         }
@@ -92,7 +87,7 @@ mod tests {
             (8, [2, 3], [3, 6, 2, 5, 1, 4]),
         ] {
             let turn = Turn::of_orientation(orientation).unwrap();
-            assert_eq!(turn.size([3, 2]), size, "{orientation}");
+            assert_eq!(turn.meant([3, 2]), size, "{orientation}");
             let mut out = [0; 6];
             turn.turn(&stored, size, 1, &mut out);
             assert_eq!(out, expected, "{orientation}");

@@ -2,16 +2,17 @@
 
 use super::description::Description;
 use super::page::{OpenTiff, PageFormat};
-use super::page_map::{Misfit, arrange};
+use super::page_map::arrange;
 use super::page_tags::PageTags;
 use super::thumbnails::Thumbnails;
 use super::{Parts, TiffFile, TiffStack};
-use crate::error::ImportError;
+use crate::error::{ImportError, Result};
 use crate::note::Note;
 use crate::options::OpenOptions;
 use crate::source::Source;
 use brickyard_volume::counted;
 use std::path::Path;
+use std::sync::Mutex;
 
 /// Opens the pages of one file by their description. `tiff` stands at the first.
 pub(super) fn open_pages(
@@ -19,10 +20,8 @@ pub(super) fn open_pages(
     format: PageFormat,
     description: &Description,
     options: &OpenOptions,
-) -> Result<Box<dyn Source>, ImportError> {
-    // The user's axes cover all pages.
-    let of = if options.axes.is_some() { Pages::All } else { Pages::WithoutCopies };
-    let Walked { file, tiff, reader_bytes, odd, left_out, thumbnails } = Walked::of(tiff, &format, of, Some(options))?;
+) -> Result<Box<dyn Source>> {
+    let Walked { file, tiff, reader_bytes, odd, left_out, thumbnails } = Walked::of(tiff, &format, Some(options))?;
     if let Some(problem) = thumbnails.problem(file.pages - left_out.len() as u32) {
         return Err(ImportError::invalid(&file.path, problem));
     }
@@ -31,8 +30,7 @@ pub(super) fn open_pages(
     }
     let declared = description.declared.as_ref();
     let planes = file.pages - left_out.len() as u32;
-    let (map, note) =
-        arrange(planes, 1, options, declared, &format).map_err(|misfit| self::misfit(&file.path, misfit))?;
+    let (map, note) = arrange(&file.path, planes, 1, options, declared, &format)?;
     let copies = (!left_out.is_empty()).then(|| {
         let are = match left_out.len() {
             1 => "is a smaller copy or a mask of another",
@@ -44,22 +42,14 @@ pub(super) fn open_pages(
         format!("{pages} {are} (by NewSubfileType, or half as large), and left out{all}.")
     });
     let map = map.without(&left_out);
-    let parts = Parts { files: vec![file], format, map, reader_bytes, idle: vec![(0, tiff)] };
+    let parts = Parts { files: vec![file], format, map, reader_bytes, idle: Mutex::new(vec![(0, tiff)]) };
     let mut stack = TiffStack::new(parts, description, options)?;
     stack.info.notes.extend(note);
     stack.info.notes.extend(copies.map(Note::new));
     Ok(Box::new(stack))
 }
 
-/// The error of files whose pages make no stack.
-pub(super) fn misfit(path: &Path, misfit: Misfit) -> ImportError {
-    match misfit {
-        Misfit::OfOptions(problem) => ImportError::options(path, problem),
-        Misfit::OfFile(problem) => ImportError::invalid(path, problem),
-    }
-}
-
-pub(super) fn refuse_problem(path: &Path, description: &Description) -> Result<(), ImportError> {
+pub(super) fn refuse_problem(path: &Path, description: &Description) -> Result<()> {
     description.problem.as_ref().map_or(Ok(()), |problem| Err(ImportError::invalid(path, problem)))
 }
 
@@ -82,27 +72,14 @@ pub(super) struct Walked {
     pub(super) thumbnails: Thumbnails,
 }
 
-/// The pages of a file to examine.
-#[derive(Clone, Copy, PartialEq)]
-pub(super) enum Pages {
-    All,
-    /// All but smaller copies and masks of others, unless the first page is one: then all are of that kind, or it is meant itself. A page at most
-    /// half as large as the first is a copy.
-    WithoutCopies,
-}
-
 impl Walked {
     /// Walks the directories of a file from its first page on, expecting `format`. With `options`, the tags of pages about pixels are checked, unless
-    /// the options replace them.
-    pub(super) fn of(
-        mut tiff: OpenTiff,
-        format: &PageFormat,
-        of: Pages,
-        options: Option<&OpenOptions>,
-    ) -> Result<Self, ImportError> {
+    /// the options replace them, and smaller copies and masks of other pages are left out, unless the user's axes cover all pages or the first page
+    /// is one: then all are of that kind, or it is meant itself. A page at most half as large as the first is a copy.
+    pub(super) fn of(mut tiff: OpenTiff, format: &PageFormat, options: Option<&OpenOptions>) -> Result<Self> {
         let path = tiff.path.clone();
         let first = options.map(|options| PageTags::of(&mut tiff, format, options)).transpose()?;
-        let leaves_out = of == Pages::WithoutCopies && !tiff.is_copy_or_mask()?;
+        let leaves_out = options.is_some_and(|options| options.axes.is_none()) && !tiff.is_copy_or_mask()?;
         let (mut pages, mut reader_bytes, mut odd) = (1u32, 0, None);
         let (mut left_out, mut thumbnails) = (Vec::new(), Thumbnails::default());
         loop {
@@ -118,7 +95,7 @@ impl Walked {
                     if other != *format {
                         return Err(odd_page(&path, pages, &other, format));
                     }
-                    tiff.check_data(&path, pages)?;
+                    tiff.check_data(pages)?;
                     if let (Some(first), Some(options)) = (&first, options) {
                         PageTags::of(&mut tiff, format, options)?.check(&path, pages, first)?;
                     }
@@ -132,7 +109,7 @@ impl Walked {
             if !tiff.has_more_pages() {
                 break;
             }
-            tiff.next_page(pages + 1)?;
+            tiff.next_page()?;
             pages += 1;
         }
         let file = TiffFile { path, stamp: tiff.stamp, pages };

@@ -12,7 +12,10 @@ pub(super) const LONGEST_NAME: usize = 1024;
 
 /// Creates a reader of a text. Call [`next_piece`] before reading each event.
 pub(super) fn reader<R: BufRead>(text: R) -> Reader<Pieces<R>> {
-    Reader::from_reader(Pieces { text, left: LONGEST_PIECE })
+    let mut xml = Reader::from_reader(Pieces { text, left: LONGEST_PIECE });
+    // An empty element then starts and ends like any other.
+    xml.config_mut().expand_empty_elements = true;
+    xml
 }
 
 /// Allows the next tag or text its full length.
@@ -89,13 +92,10 @@ pub(super) fn number<T: std::str::FromStr>(tag: &BytesStart, name: &str) -> Resu
 
 pub(super) fn attribute(tag: &BytesStart, name: &str) -> Result<Option<String>, Failure> {
     for attribute in tag.attributes().with_checks(false) {
-        let attribute = attribute.map_err(|error| Failure::from(quick_xml::Error::from(error)))?;
+        let attribute = attribute.map_err(quick_xml::Error::from)?;
         if attribute.key.as_ref() == name.as_bytes() {
             let text = decoded(&attribute.value);
-            let text = match quick_xml::escape::unescape(&text) {
-                Ok(text) => text.into_owned(),
-                Err(error) => return Err(quick_xml::Error::from(error).into()),
-            };
+            let text = quick_xml::escape::unescape(&text).map_err(quick_xml::Error::from)?.into_owned();
             if text.len() > LONGEST_NAME {
                 return meaning(format!("has a {name} of more than 1,024 characters"));
             }

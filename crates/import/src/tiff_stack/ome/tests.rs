@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::testing::{is_warned, said};
+use brickyard_volume::TimeAxis;
 
 const OME: &str = r#"<?xml version="1.0"?><!-- <OME/> a > b --><OME xmlns="x"><Image ID="Image:0"><ome:Pixels ID="Pixels:0 > 1"
     DimensionOrder="XYZCT" SizeX = "7" SizeY="5" SizeZ="4" SizeC="2" SizeT='3' Type="uint16" PhysicalSizeX="0.5"
