@@ -253,7 +253,7 @@ fn look_of(header: &Header) -> ChannelLook {
     let window = first(tags::WINDOW_CENTER).zip(first(tags::WINDOW_WIDTH)).filter(|(_, width)| *width > 0.0);
     let name = header.text(tags::SERIES_DESCRIPTION).filter(|name| !name.is_empty() && name.is_ascii());
     ChannelLook {
-        name: name.map(Into::into),
+        name,
         color: None,
         window: window.map(|(center, width)| [center - width / 2.0, center + width / 2.0]),
     }

@@ -103,6 +103,9 @@ impl Header {
     }
 }
 
+/// Undoes a shuffle of elements of some bytes, from one buffer into another.
+type Unshuffle = fn(usize, &[u8], &mut [u8]);
+
 fn decode_blocks(
     scratch: &mut Scratch,
     header: &Header,
@@ -110,7 +113,7 @@ fn decode_blocks(
     shuffled: &mut Vec<u8>,
     out: &mut [u8],
 ) -> Result<(), CodecError> {
-    let unshuffled: Option<fn(usize, &[u8], &mut [u8])> = if header.flags & BYTE_SHUFFLE != 0 && header.typesize > 1 {
+    let unshuffled: Option<Unshuffle> = if header.flags & BYTE_SHUFFLE != 0 && header.typesize > 1 {
         Some(unshuffle)
     } else if header.flags & BIT_SHUFFLE != 0 && header.block_bytes >= header.typesize {
         Some(unshuffle_bits)
