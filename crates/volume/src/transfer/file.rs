@@ -2,7 +2,7 @@
 //!
 //! | form | writer | recognised by |
 //! | --- | --- | --- |
-//! | JSON of [`TransferFunction`] | brickyard | an object that is none of the others |
+//! | JSON of [`TransferFunction`](super::TransferFunction) | brickyard | an object that is none of the others |
 //! | colour maps (`paraview`) | ParaView, and much else | a list of objects, or one with `RGBPoints` |
 //! | volume property, `.vp.json` (`slicer`) | 3D Slicer | an object with `volumeProperties` |
 //! | volume property, `.vp` (`slicer`) | 3D Slicer | text that begins with a number |
