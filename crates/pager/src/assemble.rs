@@ -27,7 +27,7 @@ pub struct PaddedReader {
 impl PaddedReader {
     /// Creates a reader through `cache`, which determines the width of the aprons.
     pub fn new(cache: Arc<RamCache>) -> Self {
-        let encoder = Encoder::new(&**cache.source(), &cache.contents, &cache.layout);
+        let encoder = Encoder::new(&**cache.source(), &cache.contents, cache.layout.scratch_bytes(&**cache.source()));
         Self { cache, encoder }
     }
 

@@ -15,7 +15,6 @@ use crate::layout::Layout;
 use crate::leave::Threads;
 use crate::ram_cache::RamCache;
 use crate::residency::Upload;
-use crate::slot_contents::scratch_bytes;
 use crate::source::{BrickError, BrickSource, caught};
 use crate::status::Counters;
 use crate::visible_cells::VisibleCells;
@@ -116,7 +115,7 @@ impl ExactPasses {
             fixed: cells.len() as u64 * BYTES_PER_CELL
                 + slots.min(cells.len()) as u64 * TABLE_BYTES_PER_SLOT
                 + source.cache_bytes(),
-            scratch: scratch_bytes(&*source, &layout),
+            scratch: layout.scratch_bytes(&*source),
             core: layout.cached_bytes() as u64,
             padded,
         };

@@ -8,7 +8,7 @@
 //! read front to back, whereas in the core every voxel of an x face lies on its own cache line.
 
 use crate::budget::PagerError;
-use crate::slot_contents::SlotContents;
+use crate::slot_contents::{SlotContents, encoding_of};
 use crate::source::BrickSource;
 use brickyard_volume::sampling::MAX_REACH;
 use brickyard_volume::{Apron, GradientNodes};
@@ -112,6 +112,11 @@ impl Layout {
     /// Bytes of a cached core and its share of the shells: the unit of the RAM cache's budget.
     pub(crate) fn cached_bytes(&self) -> usize {
         self.entry_bytes() + self.shells(1) * self.shell_bytes()
+    }
+
+    /// Bytes of a thread's voxel buffer for encoding; 0 where the source's voxels are codes already.
+    pub(crate) fn scratch_bytes(&self, source: &dyn BrickSource) -> u64 {
+        if encoding_of(source, 0).is_identity() { 0 } else { self.padded_voxels() as u64 * self.voxel_bytes as u64 }
     }
 
     /// Shells in a RAM cache of `cores` cores; 0 where aprons are stored.

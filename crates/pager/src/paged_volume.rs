@@ -9,7 +9,7 @@ use crate::paged_occupancy::{PageReader, PagedOccupancy, kept_bytes};
 use crate::ram_cache::{KeptCores, RamCache};
 use crate::residency::{Residency, Wants};
 use crate::sameness::{SlotsByContent, kept_hash_bytes};
-use crate::slot_contents::{SlotContents, scratch_bytes};
+use crate::slot_contents::SlotContents;
 use crate::source::{BrickError, BrickSource};
 use crate::status::Counters;
 use crate::tier::Tier;
@@ -310,7 +310,7 @@ pub(crate) fn buffer_sizes(
     };
     BufferSizes {
         fixed: source.cache_bytes() + pages + kept_hash_bytes(source, host_bytes),
-        scratch: scratch_bytes(source, layout),
+        scratch: layout.scratch_bytes(source),
         core: layout.cached_bytes() as u64,
         padded: layout.padded_bytes() as u64,
     }

@@ -2,7 +2,6 @@
 //! decoding; an [`Encoder`] turns a padded brick's voxels into slot codes as it is assembled. Costs a pass over the padded brick, except
 //! for unsigned voxels of 8 and 16 bits, which are codes already.
 
-use crate::layout::Layout;
 use crate::retry::Failure;
 use crate::source::BrickSource;
 use brickyard_volume::{FloatSlots, LabelCodes, SlotEncoding};
@@ -55,13 +54,14 @@ pub(crate) struct Encoder {
 }
 
 impl Encoder {
-    pub(crate) fn new(source: &dyn BrickSource, contents: &SlotContents, layout: &Layout) -> Self {
+    /// Creates an encoder with a buffer of the layout's `scratch_bytes`.
+    pub(crate) fn new(source: &dyn BrickSource, contents: &SlotContents, scratch_bytes: u64) -> Self {
         let encodings = (0..source.channels().max(1)).map(|channel| contents.encoding(source, channel)).collect();
         let labels = match contents {
             SlotContents::Labels(labels) => labels.clone(),
             SlotContents::Codes | SlotContents::Floats(_) => Arc::default(),
         };
-        let voxels = vec![0; scratch_bytes(source, layout) as usize];
+        let voxels = vec![0; scratch_bytes as usize];
         Self { encodings, labels, voxels }
     }
 
@@ -91,9 +91,4 @@ impl Encoder {
         }
         Ok(())
     }
-}
-
-/// Bytes of a thread's voxel buffer for encoding; 0 where voxels are codes already.
-pub(crate) fn scratch_bytes(source: &dyn BrickSource, layout: &Layout) -> u64 {
-    if encoding_of(source, 0).is_identity() { 0 } else { layout.padded_voxels() as u64 * layout.voxel_bytes as u64 }
 }

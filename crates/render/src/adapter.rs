@@ -20,6 +20,9 @@ pub enum GpuPreference {
     Software,
 }
 
+/// Format of the finished picture. Colours are display-referred already: no sRGB conversion.
+pub(crate) const DISPLAY_FORMAT: TextureFormat = TextureFormat::Rgba8Unorm;
+
 /// The texture formats used on an adapter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct GpuFormats {

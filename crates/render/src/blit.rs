@@ -1,11 +1,12 @@
 //! The blit of a finished picture onto an application's texture: one pass in the application's encoder, reading only
 //! the renderer's own picture.
 
+use crate::adapter::DISPLAY_FORMAT;
 use crate::atlas::texel_bytes;
 use crate::buffers::{self, entry};
 use crate::layouts::{bind_group_layout, texture};
 use crate::march::{attachment, color_pass, draw_over_all};
-use crate::pipelines::{DISPLAY_FORMAT, Shape, pipeline};
+use crate::pipelines::{Shape, pipeline};
 use crate::targets::{Reading, Targets};
 use crate::{Gpu, GpuError};
 use brickyard_shaders::{bindings, blit};

@@ -2,9 +2,8 @@
 //! slot with the compositor's data for it.
 
 use crate::GpuError;
-use crate::adapter::GpuFormats;
+use crate::adapter::{DISPLAY_FORMAT, GpuFormats};
 use crate::atlas::{AtlasPlan, slot_bytes, texel_bytes};
-use crate::pipelines::DISPLAY_FORMAT;
 use crate::transfer_table::{COMBINED, TableCapacity};
 use crate::upload::{MAX_BATCH, staging_bytes};
 use brickyard_pager::{BudgetRequest, VolumeNeeds, pools, share};

@@ -10,13 +10,14 @@
 //! Triangles are sent when the meshes change, colours and opacities with every frame. Buffers and pipelines are created
 //! at the start if pictures will have meshes, and recreated with the device.
 
+use crate::adapter::DISPLAY_FORMAT;
 use crate::buffer_parts::Part;
 use crate::buffers::{self, SharedBuffers, buffer, entry};
 use crate::layouts::{MeshLayouts, bind_group_layout, storage, texture, texture_of};
 use crate::mapping::Mapping;
 use crate::march::{attachment, color_pass, draw_over_all};
 use crate::memory::{COLOR_FORMAT, COUNTS_BYTES, DEPTH_FORMAT, MOST_LAYERS, NUMBER_FORMAT, geometry_bytes, mesh_bytes};
-use crate::pipelines::{DISPLAY_FORMAT, Shape, pipeline};
+use crate::pipelines::{Shape, pipeline};
 use crate::{Gpu, GpuError};
 use brickyard_shaders::{MeshLook, MeshVertex, Seen, Shown, bindings, peel, resolve};
 use brickyard_volume::{FrameSettings, Geometry, Mesh, MeshCapacity, ShownMesh, ViewRays};

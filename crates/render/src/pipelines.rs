@@ -1,7 +1,7 @@
 //! The creation of pipelines: the compositor's march for each way of gathering, and the resolve passes. It is
 //! independent of frames, and works on any thread (`pipeline_cache`).
 
-use crate::adapter::GpuFormats;
+use crate::adapter::{DISPLAY_FORMAT, GpuFormats};
 use crate::layouts::{Layouts, MeshLayouts, bind_group_layout};
 use crate::variant::Shader;
 use crate::{Compositor, Gpu, GpuError};
@@ -9,9 +9,6 @@ use brickyard_shaders::{Gather, Seen, Shown, Stage, bindings, raycast, raycast_j
 use wgpu::{
     BindingType, BlendComponent, BlendFactor, BlendOperation, ShaderStages, TextureFormat, TextureViewDimension,
 };
-
-/// Format of the finished picture. Colours are display-referred already: no sRGB conversion.
-pub(crate) const DISPLAY_FORMAT: TextureFormat = TextureFormat::Rgba8Unorm;
 
 /// Returns the format of the target of gathered samples.
 pub(crate) fn gather_format(gather: Gather, compositor: Compositor, formats: &GpuFormats) -> TextureFormat {

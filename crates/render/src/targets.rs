@@ -1,10 +1,11 @@
 //! The targets of pictures of one size, and their read-back.
 
+use crate::adapter::DISPLAY_FORMAT;
 use crate::atlas::texel_bytes;
 use crate::buffers::{self, buffer};
 use crate::mapping::Mapping;
 use crate::memory::{pixel_bytes, read_back_row_bytes};
-use crate::pipelines::{DISPLAY_FORMAT, gather_format};
+use crate::pipelines::gather_format;
 use crate::{Compositor, Gpu, GpuError};
 use brickyard_shaders::Gather;
 use brickyard_volume::Picture;

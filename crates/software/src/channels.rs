@@ -4,6 +4,7 @@
 //! once; then each layer takes its samples there, for all these rays before the next layer, to find its voxels in the
 //! first-level cache; finally light passes through the media of all layers.
 
+use crate::choice::Choice;
 use crate::frame::{Cell, Frame};
 use crate::gather::add_fog;
 use crate::macrocells::{Coverage, Reach};
@@ -16,7 +17,7 @@ use crate::reading::Reading;
 use crate::sample::{Code, Grid};
 use crate::stretch::Stretch;
 use crate::tiles::PIXELS;
-use crate::unit::{Choice, Unit, call};
+use crate::unit::{Unit, call};
 use brickyard_volume::Filter;
 use glam::Vec4;
 use std::ops::Range;

@@ -10,6 +10,7 @@
 //! them: light passes a segment with surfaces piece by piece.
 
 use crate::channels::{self, Channels, Walks};
+use crate::choice::Choice;
 use crate::frame::{Cell, Frame};
 use crate::gather::{Gather, Gathering, Way};
 use crate::macrocells::{Coverage, Reach};
@@ -19,7 +20,7 @@ use crate::meshes::MeshLayers;
 use crate::packet::CHUNK;
 use crate::ray::{FAINTEST, Past, Ray};
 use crate::tiles::{PIXELS, Tile, place, places};
-use crate::unit::{Choice, call};
+use crate::unit::call;
 use brickyard_volume::{Combination, CutFace};
 use glam::{DVec3, Vec4};
 
@@ -371,9 +372,9 @@ fn shade<'a>(
     zone: usize,
 ) -> impl Fn(usize, DVec3, Option<DVec3>) -> DVec3 + use<'a> {
     let (settings, ticks) = (frame.settings, &frame.ticks);
-    let (eye, direction) = frame.world_ray(ray);
+    let (eye, direction) = ray.in_world(frame);
     let length = ticks.step * (1u64 << zone) as f64;
-    let cut = frame.cut(ray, [1.0; 3]);
+    let cut = ray.cut(frame, [1.0; 3]);
     move |segment, color, normal| {
         let start = tick as f64 * ticks.step + segment as f64 * length;
         let middle = 0.5 * (start.max(enter) + (start + length).min(leave));

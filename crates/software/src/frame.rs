@@ -3,10 +3,9 @@
 
 use crate::depths::DepthTable;
 use crate::macrocells::{Mask, over_boxes};
-use crate::meshes::pixels;
+use crate::outline::pixels;
 use crate::packet::{LANES, Packet};
 use crate::painting::Painting;
-use crate::ray::Ray;
 use crate::reading::Reading;
 use crate::sample::{Brick, Code, CodeMap};
 use crate::steps::StepTables;
@@ -17,8 +16,8 @@ use brickyard_volume::sampling::Curve;
 use brickyard_volume::slot_encoding::ANYTHING;
 use brickyard_volume::surface::MAX_SURFACES;
 use brickyard_volume::{
-    Blend, Clip, CutFace, Extent, Extreme, Filter, FrameSettings, Geometry, GradientNodes, Integrals, Lighting, Method,
-    Mode, Needs, PixelRect, Placement, Pyramid, TransferGrid, ViewRays, VolumeFrame, VoxelBox, surface,
+    Blend, Clip, Extent, Extreme, Filter, FrameSettings, Geometry, GradientNodes, Integrals, Lighting, Method, Mode,
+    Needs, PixelRect, Placement, Pyramid, TransferGrid, ViewRays, VolumeFrame, VoxelBox, surface,
 };
 use glam::{DVec3, Mat3};
 use rayon::prelude::*;
@@ -288,24 +287,6 @@ impl Frame<'_> {
     /// Whether drawing is given up. Checked once per cell or ray: reading a clock costs some 50 ns.
     pub(crate) fn is_given_up(&self) -> bool {
         self.painting.is_some_and(Painting::is_abandoned) || self.until.is_some_and(|until| Instant::now() >= until)
-    }
-
-    /// A ray's origin and unit direction in the scene's world.
-    #[inline(always)]
-    pub(crate) fn world_ray(&self, ray: &Ray) -> (DVec3, DVec3) {
-        let (geometry, placement) = (&self.settings.geometry, &self.settings.placement);
-        let eye = placement.world_from_volume(geometry.world_from_voxel(DVec3::from_array(ray.origin)));
-        (eye, placement.world_vector(DVec3::from_array(ray.direction) * geometry.spacing))
-    }
-
-    /// The cut through which a ray enters the shown part, and the voxels it descends below the cut per unit of
-    /// distance, of so many per level-0 voxel; `None` without a cut.
-    #[inline(always)]
-    pub(crate) fn cut(&self, ray: &Ray, voxels: [f64; 3]) -> Option<(CutFace, f64)> {
-        self.settings.clip.as_ref()?;
-        let [origin, direction] = [ray.origin, ray.direction].map(DVec3::from_array);
-        let cut = self.settings.cut_face(self.extent, (origin, direction), ray.eye)?;
-        Some((cut, cut.voxels_per_distance(direction, DVec3::from_array(voxels).recip())))
     }
 
     /// How far to shift the lattice of a pixel's ray towards the eye; `t_in` is the distance of the ray's entry.

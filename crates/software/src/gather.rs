@@ -1,6 +1,7 @@
 //! One layer's media in a chunk of a ray's segments, for [`compositing`](crate::compositing): compiled for every code
 //! width and vector unit.
 
+use crate::choice::Choice;
 use crate::frame::{Cell, Frame};
 use crate::macrocells::{Coverage, Reach};
 use crate::march::look;
@@ -15,7 +16,7 @@ use crate::reading::Reading;
 use crate::sample::{ALL_PACKETS, Code};
 use crate::stretch::{March, Stretch};
 use crate::transfer_table::Entries;
-use crate::unit::{Choice, Unit};
+use crate::unit::Unit;
 use brickyard_volume::Mode;
 use brickyard_volume::surface::Meeting;
 use glam::{DVec3, Vec4};

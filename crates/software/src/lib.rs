@@ -24,6 +24,7 @@
 
 mod boxes;
 mod channels;
+mod choice;
 mod compositing;
 mod cubic;
 mod depths;
@@ -40,6 +41,7 @@ mod meshes;
 mod mixture;
 mod modes;
 mod options;
+mod outline;
 mod packet;
 mod painting;
 mod path;

@@ -24,7 +24,7 @@ pub(crate) fn see<C: Code, U: Unit>(march: &March<'_>, ray: &Ray, chunk: &mut Sa
 #[inline(always)]
 fn see_on<C: Code, U: Unit>(march: &March<'_>, ray: &Ray, chunk: &mut SampleChunk, shows: u32) -> Vec4 {
     let stretch = march.stretch;
-    let (eye, view) = march.frame.world_ray(ray);
+    let (eye, view) = ray.in_world(march.frame);
     let cut = march.cut(ray);
     let shade = Shade::new(&march.frame.settings.lighting, march.slopes(), eye, view, cut);
     let mut shaded = Shaded::EMPTY;

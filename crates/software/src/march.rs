@@ -1,6 +1,7 @@
 //! A tile's rays through one layer, cell by cell: the hot loop. Traversal is compiled once per mode and vector unit;
 //! sampling per code width as well.
 
+use crate::choice::Choice;
 use crate::frame::{Cell, Frame};
 use crate::macrocells::{Coverage, Reach};
 use crate::medium::Medium;
@@ -12,7 +13,7 @@ use crate::sample::{Brick, Code, SampleChunk};
 use crate::stretch::{March, Stretch};
 use crate::surface::Isosurface;
 use crate::tiles::{PIXELS, Tile, place, places};
-use crate::unit::{Choice, Unit};
+use crate::unit::Unit;
 use brickyard_volume::Mode;
 use glam::Vec4;
 use std::ops::Range;

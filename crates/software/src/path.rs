@@ -63,7 +63,7 @@ impl<'a> Path<'a> {
     #[inline(always)]
     pub(crate) fn new(march: &'a March<'a>, ray: &Ray) -> Self {
         let March { frame, cell, stretch, .. } = march;
-        let (eye, direction) = frame.world_ray(ray);
+        let (eye, direction) = ray.in_world(frame);
         let [low, high] = stretch.sampleable(frame.edge + 2 * frame.apron);
         let ticks = &frame.ticks;
         let (mut first_start, mut last_end) = (f32::NEG_INFINITY, f32::INFINITY);

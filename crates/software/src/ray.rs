@@ -8,8 +8,8 @@
 use crate::frame::{Cell, Frame};
 use crate::macrocells::Reach;
 use crate::ticks::Ticks;
-use brickyard_volume::Lattice;
-use glam::Vec4;
+use brickyard_volume::{CutFace, Lattice};
+use glam::{DVec3, Vec4};
 
 /// The share of light below which a ray ends: everything behind could add at most 1/4096 of a channel, a sixteenth of a
 /// step of an 8-bit picture.
@@ -100,6 +100,24 @@ impl Ray {
             None => (t_in, t_out),
         };
         ray
+    }
+
+    /// The ray's origin and unit direction in the scene's world.
+    #[inline(always)]
+    pub(crate) fn in_world(&self, frame: &Frame<'_>) -> (DVec3, DVec3) {
+        let (geometry, placement) = (&frame.settings.geometry, &frame.settings.placement);
+        let eye = placement.world_from_volume(geometry.world_from_voxel(DVec3::from_array(self.origin)));
+        (eye, placement.world_vector(DVec3::from_array(self.direction) * geometry.spacing))
+    }
+
+    /// The cut through which the ray enters the shown part, and the voxels it descends below the cut per unit of
+    /// distance, of so many per level-0 voxel; `None` without a cut.
+    #[inline(always)]
+    pub(crate) fn cut(&self, frame: &Frame<'_>, voxels: [f64; 3]) -> Option<(CutFace, f64)> {
+        frame.settings.clip.as_ref()?;
+        let [origin, direction] = [self.origin, self.direction].map(DVec3::from_array);
+        let cut = frame.settings.cut_face(frame.extent, (origin, direction), self.eye)?;
+        Some((cut, cut.voxels_per_distance(direction, DVec3::from_array(voxels).recip())))
     }
 
     /// The distance of the ray's entry into the shown part of the volume, if any.

@@ -51,7 +51,7 @@ impl March<'_> {
     /// per unit of distance; `None` without a cut.
     #[inline(always)]
     pub(crate) fn cut(&self, ray: &Ray) -> Option<(CutFace, f64)> {
-        self.frame.cut(ray, self.cell.scale)
+        ray.cut(self.frame, self.cell.scale)
     }
 }
 

@@ -198,7 +198,7 @@ impl Line<'_> {
     /// The colour of a cap on the cut through which the ray enters.
     #[inline(never)]
     fn cap(&self, ray: &Ray) -> Vec3 {
-        let (_, direction) = self.march.frame.world_ray(ray);
+        let (_, direction) = ray.in_world(self.march.frame);
         let cosine = self.march.cut(ray).map(|(cut, _)| cut.normal.dot(direction));
         let (own, white) = headlight(cosine);
         Vec3::from(self.march.frame.settings.surfaces[0].color) * own as f32 + Vec3::splat(white as f32)

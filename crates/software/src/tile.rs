@@ -1,6 +1,7 @@
 //! One tile of the picture, from its rays to its pixels: slab by slab if there are meshes, by a single layer, several
 //! projected one by one, or several together.
 
+use crate::choice::Choice;
 use crate::compositing::JointMarch;
 use crate::frame::Frame;
 use crate::march::{MarchTile, Seen, Work};
@@ -8,7 +9,6 @@ use crate::meshes::{MeshLayers, MeshTree};
 use crate::mixture::{OPAQUE, Projections};
 use crate::sample::SampleChunk;
 use crate::tiles::{PIXELS, Tile, TilePixels, places};
-use crate::unit::Choice;
 use brickyard_volume::{Blend, Combination, Picture};
 use glam::Vec4;
 

@@ -17,7 +17,6 @@ pub(crate) use capture::Captured;
 pub(crate) use changes_seen::Answer;
 
 use crate::device::Device;
-use crate::pacing::keep_last;
 use crate::screen::Screen;
 use beside::Task;
 use brickyard::backend::BackendChoice;
@@ -597,6 +596,14 @@ impl Canvas {
     pub(crate) fn slots(&self) -> u64 {
         self.known(Session::slots, |known| known.slots)
     }
+}
+
+/// Appends an item to the last ones, of which `most` are kept.
+pub(crate) fn keep_last<T>(items: &mut VecDeque<T>, most: usize, item: T) {
+    if items.len() == most {
+        items.pop_front();
+    }
+    items.push_back(item);
 }
 
 fn draws_volumes(device: &Device, options: &SessionOptions) -> bool {

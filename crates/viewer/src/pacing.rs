@@ -1,7 +1,7 @@
 //! Pace of a window's frames: the time of each on the window's thread, with drawing apart, for files of statistics. Costs a few numbers per frame,
 //! for the last hundred thousand at most.
 
-use crate::canvas::{Answer, FrameTimes};
+use crate::canvas::{Answer, FrameTimes, keep_last};
 use brickyard::stats::Percentiles;
 use serde::Serialize;
 use std::collections::VecDeque;
@@ -66,14 +66,6 @@ pub(crate) struct PacingStats {
     draw_ms: Percentiles,
     /// The 50th, 5th and 1st percentile of pictures' work, as a share of the exact picture's.
     quality: [f64; 3],
-}
-
-/// Appends an item to the last ones, of which `most` are kept.
-pub(crate) fn keep_last<T>(items: &mut VecDeque<T>, most: usize, item: T) {
-    if items.len() == most {
-        items.pop_front();
-    }
-    items.push_back(item);
 }
 
 impl Pacing {

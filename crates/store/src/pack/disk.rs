@@ -33,7 +33,7 @@ pub(crate) struct Disk {
     pub(crate) home: OnceLock<Home>,
     /// The store's folder, if open: receives all changes inside its path, wherever the path leads.
     pub(crate) open: OnceLock<Arc<Folder>>,
-    /// What a test observes and injects.
+    /// Observations and faults of a test.
     #[cfg(test)]
     pub(crate) trial: Trial,
 }
