@@ -216,6 +216,7 @@ impl ExactPasses {
 struct Readers {
     free: Sender<Arc<[u8]>>,
     arrivals: Receiver<(usize, Result<StandIn, BrickError>)>,
+    /// Dropped after the channels, whose end stops the threads.
     threads: Threads,
 }
 

@@ -221,6 +221,7 @@ pub(crate) struct PageReader {
     pub(crate) occupancy: Arc<PagedOccupancy>,
     /// Signals of arrived pages.
     pub(crate) arrivals: Receiver<()>,
+    /// Dropped after the channels, whose end stops the thread.
     _thread: Threads,
 }
 

@@ -315,6 +315,7 @@ struct PlannerThread {
     /// The other end, for taking back jobs.
     untaken: Receiver<(u64, Job)>,
     outlooks: Receiver<Outlook>,
+    /// Dropped after the channels, whose end stops the thread.
     _thread: Threads,
 }
 

@@ -61,7 +61,7 @@ impl SideArray {
         Self { times, file_times: 1, grid, ..Self::of_bricks(store, layout, level, "shards") }
     }
 
-    /// Two 64-bit words for each brick and time step.
+    /// Two 64-bit words for each brick and time step, as of hashes; other arrays change what differs.
     fn of_bricks(store: &Path, layout: &Layout, level: Level, name: &str) -> Self {
         Self {
             dir: layout.side_dir(store, level).join(name),

@@ -145,8 +145,8 @@ impl<'a> Journal<'a> {
         self.finished.len() as u64
     }
 
-    /// Renames a finished shard of this layout to its final name and records it, synced before or, together with others,
-    /// when due. Returns `false` if an earlier run did.
+    /// Renames a finished shard of this layout to its final name and records it: synced by itself first, or
+    /// later with all others if the disk syncs as one. Returns `false` if an earlier run did.
     pub(crate) fn settle(&mut self, layout: &Layout, shard: &Finished) -> Result<bool, DiskError> {
         if shard.done_before {
             return Ok(false);
