@@ -165,7 +165,7 @@ impl QualityArguments {
             size_px: self.size,
             methods: listed(&self.methods, &possible),
             virtual_samples: self.virtual_samples.clone(),
-            // Those of the paper; steps have nothing between samples for methods to find.
+            // The paper's two: steps have nothing between samples for methods to find.
             filters: listed(&self.filters, &[Filter::Trilinear, Filter::Tricubic]),
             lightings: listed(&self.lightings, &[]),
             samples_per_voxel: self.samples_per_voxel.clone(),

@@ -1,4 +1,4 @@
-//! Common flags of the commands with a session: the backend, and the number of threads.
+//! Common flags of the commands with a session: backend, compositor, memory, threads.
 
 use super::named::Named;
 use super::{heading, values};

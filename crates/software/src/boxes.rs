@@ -2,7 +2,7 @@
 //! box.
 //!
 //! Where no box touches more than two voxels along an axis, only its corners are read, eight boxes at once, neighbours
-//! along x together. As in `sample`, everything is inlined and free of closures.
+//! along x together. As in `sample`, everything is inlined, for the vector unit of its final function.
 
 use crate::packet::{LANES, PACKETS, Packet};
 use crate::sample::{Brick, Code, SampleChunk};

@@ -1,5 +1,5 @@
-//! Differences of a padded brick's codes, linearly filtered, at eight places at a time: central ones here, those of
-//! other operators in their modules.
+//! Differences of a padded brick's codes, linearly filtered, at eight places at a time: central ones, and the
+//! separate samples of every operator; Sobel's shared ones are in `sobel`.
 //!
 //! The six places a voxel away from a place lie in the 32 voxels around it, many of them shared: they are read once,
 //! two neighbours along x at a time, and the differences are interpolated like values. So a gradient costs 16 reads

@@ -1,7 +1,7 @@
 //! The modes, which turn a ray's samples into a pixel: one type each.
 //!
 //! A sample's weight is its segment's length in unit distances; missing samples have weight 0. As in `sample`,
-//! everything is inlined and free of closures.
+//! everything is inlined, for the vector unit of its final function.
 
 use crate::boxes::Segments;
 use crate::frame::{Cell, Frame};

@@ -2,7 +2,7 @@
 //!
 //! The operator takes differences along an axis and smooths them across it, so it goes axis by axis: the sixteen lines
 //! around a place are mixed along x, four of them at a time along y, and the results along z. A gradient costs 32 reads
-//! of two neighbours, against 108 for its 27 separate samples. If one of a packet's voxels has no value, or a number
+//! of two neighbours, against 104 for its 26 separate samples. If one of a packet's voxels has no value, or a number
 //! too far off to be a code, separate samples are taken after all.
 
 use crate::differences::SOBEL;

@@ -46,11 +46,11 @@ impl Mode {
     /// The mode's meaning, for users.
     pub const fn meaning(self) -> &'static str {
         match self {
-            Self::Dvr => "direct volume rendering: glowing fog, which hides things behind it",
-            Self::Mip => "maximum intensity projection: the greatest value along each ray",
-            Self::MinIp => "minimum intensity projection: the least value along each ray (airways)",
-            Self::Average => "the mean value along each ray, as in an X-ray picture",
-            Self::Isosurface => "only surfaces of one value, lit",
+            Self::Dvr => "Direct volume rendering: glowing fog, which hides things behind it",
+            Self::Mip => "Maximum intensity projection: the greatest value along each ray",
+            Self::MinIp => "Minimum intensity projection: the least value along each ray (airways)",
+            Self::Average => "The mean value along each ray, as in an X-ray picture",
+            Self::Isosurface => "Only surfaces of one value, lit",
         }
     }
 

@@ -1,4 +1,4 @@
-// Settings of a frame, the same for all pixels. Layout.rs declares them, and gives each one's unit.
+// Settings of a frame, the same for all pixels. `layout.rs` declares them, and gives each one's unit.
 //!import Frame bindings context
 
 // Not a uniform: lavapipe compiles those that steer loops into the shader, and so would recompile it whenever the camera moves.

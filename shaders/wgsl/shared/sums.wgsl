@@ -1,4 +1,4 @@
-// What a pass adds to the projections of several layers.
+// Terms that a pass adds to the projections of several layers.
 struct Sums {
     // Of a mixing layer: colour times depth, and depth.
     @location(0) mixed: vec4f,
