@@ -1,5 +1,5 @@
 //! Duplicates in a list: one file under two names, the halves of one NIfTI image, slices of one DICOM series. Each would become
-//! one of two equal steps. Costs one file-system query per file, and the header of each DICOM file.
+//! one of two equal steps. Costs a file-system query per file, and the header of each DICOM file.
 
 use crate::error::{ImportError, Result};
 use crate::files::folder_of;
@@ -78,7 +78,7 @@ fn check_apart<'a, K: Eq + Hash>(
     for path in paths {
         let Some(key) = key(path) else { continue };
         let first = *seen.entry(key).or_insert(path);
-        if FileId::of(first) != FileId::of(path) {
+        if first != path && FileId::of(first) != FileId::of(path) {
             return Err(ImportError::options(path, problem(first.display())));
         }
     }

@@ -5,7 +5,7 @@
 //! same object, finer with more voxels. Values are in *units* of 0 to 255: stored unchanged in u8 and f32, times 200
 //! in u16 (so that the low byte carries the noise, as in a scan).
 //!
-//! A box is made row by row: a kind's [`RowField`] fills a row of f32, which is then rounded to the voxel type.
+//! A box is made row by row: a kind fills a row of f32, which is then rounded to the voxel type.
 
 mod ct;
 mod flow;

@@ -18,7 +18,9 @@ impl Array {
     /// Builds a level from a function of its integer voxel coordinates.
     pub fn from_fn(grid: &LevelGrid, value: impl Fn([u32; 3]) -> f64) -> Self {
         let LevelGrid { extent, factor, .. } = *grid;
-        Self { extent, factor, values: extent.full_box().voxels().map(value).collect() }
+        let mut values = Vec::with_capacity(extent.volume() as usize);
+        values.extend(extent.full_box().voxels().map(value));
+        Self { extent, factor, values }
     }
 
     /// Builds a level from its little-endian voxels, x fastest. Infinite values and voxels of the value `nodata` are

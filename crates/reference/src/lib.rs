@@ -44,7 +44,7 @@ pub fn render(frames: &[VolumeFrame], volumes: &[ReferenceVolume<'_>], combinati
     render_while(frames, volumes, combination, || true).expect("it goes on")
 }
 
-/// Renders a picture like [`render`] while `goes_on`, called at each pixel, returns true; `None` once it returns false.
+/// Renders a picture like [`render`] while `goes_on`, called after each pixel, returns true; `None` once it returns false.
 ///
 /// # Panics
 /// As [`render`].
@@ -57,7 +57,11 @@ pub fn render_while(
     let ViewRays { width, height, .. } = frames[0].settings.rays;
     let color = |x, y| Picture::quantise(pixel(frames, volumes, combination, x, y).map(|channel| channel as f32));
     let places = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
-    let rgb = places.map(|(x, y)| goes_on().then(|| color(x, y))).collect::<Option<_>>()?;
+    let drawn = places.map(|(x, y)| {
+        let rgb = color(x, y);
+        goes_on().then_some(rgb)
+    });
+    let rgb = drawn.collect::<Option<_>>()?;
     Some(Picture { width, height, rgb })
 }
 
