@@ -21,7 +21,7 @@ pub(super) struct Capture {
     over: Over,
     asked: Instant,
     made: Arc<Made>,
-    /// The final picture, drawn while the view changed.
+    /// The final picture, not yet asked for.
     drawn: Option<(Picture, Frame)>,
 }
 
