@@ -22,7 +22,7 @@ from PIL import Image
 STORES = "target/quality"
 # Scenes with thin layers: functions that change slowly from code to code are above 40 dB by every method at a sample a voxel.
 LAYERS = "--transfer tools/layers.json"
-# The same layers over other values than 0 to 255: a file made by `survey`.
+# The same layers over other values than 0 to 255: files made by `make_store`.
 SPREAD = {"snow": (0, 38000), "concrete-x-ray": (0, 38000), "concrete-neutron": (0, 65535)}
 DATA = {
     "head-ct": ("target/demo/head-ct.zarr", "--transfer ct-angio --eye 380,520,190 --target 122,122,75 --fov 32"),
@@ -38,6 +38,8 @@ DATA = {
 }
 USUAL = ["head-ct", "mr-brain", "marschner-lobb", "turbulence"]
 SYNTHETIC = ["marschner-lobb", "turbulence", "ct"]
+# Virtual samples of the rows in tables: of methods without, and the usual number.
+USUAL_SAMPLES = (None, 3)
 # Maps that are shown: filter, lighting, method; at a sample a voxel.
 SHOWN = [
     ("trilinear", "none", "udvr"),
@@ -125,10 +127,9 @@ def reached(rows, target_db):
 def costs(names, measured):
     """Samples a voxel, and processor time of a frame, at which each method reaches 40 dB by variance."""
     methods = list(dict.fromkeys(row["method"] for row in measured[names[0]]["rows"]))
-    usual = (None, 3)
     lines = [f"| | {' | '.join(methods)} |", "| --- |" + " --- |" * len(methods)]
     for name in names:
-        rows = [row for row in measured[name]["rows"] if row["virtual_samples"] in usual]
+        rows = [row for row in measured[name]["rows"] if row["virtual_samples"] in USUAL_SAMPLES]
         for lighting, filter in dict.fromkeys((row["lighting"], row["filter"]) for row in rows):
             cells = []
             for method in methods:
@@ -140,23 +141,22 @@ def costs(names, measured):
 
 
 def means(names, measured):
-    """Decibels by variance / against the truth and times the plain way's processor time, averaged over the data sets."""
-    usual = (None, 3)
-    plain = ("udvr", None)
+    """Decibels by variance / against the truth and times the plain way's processor time, averaged over the data sets; ∞ where any has no error."""
     cells = {}
     for name in names:
-        rows = [row for row in measured[name]["rows"] if row["virtual_samples"] in usual]
+        rows = [row for row in measured[name]["rows"] if row["virtual_samples"] in USUAL_SAMPLES]
         key = lambda row: (row["filter"], row["lighting"], row["samples_per_voxel"])
-        plain_ms = {key(row): row["cpu_ms"] for row in rows if (row["method"], row["virtual_samples"]) == plain}
+        plain_ms = {key(row): row["cpu_ms"] for row in rows if row["method"] == "udvr"}
         for row in rows:
-            figures = (row["rgb_db"] or 60.0, row["truth_db"] or 60.0, row["cpu_ms"] / plain_ms[key(row)])
+            db = [math.inf if row[by] is None else row[by] for by in ("rgb_db", "truth_db")]
+            figures = (*db, row["cpu_ms"] / plain_ms[key(row)])
             cells.setdefault(key(row), {}).setdefault(row["method"], []).append(figures)
     methods = list(dict.fromkeys(method for row in cells.values() for method in row))
     lines = [f"| | {' | '.join(methods)} |", "| --- |" + " --- |" * len(methods)]
     for (filter, lighting, rate), row in cells.items():
         mean = [[sum(column) / len(column) for column in zip(*row[method])] for method in methods]
         lit = "unlit" if lighting == "none" else "lit"
-        lines.append(f"| {filter}, {lit}, {rate:g} | " + " | ".join(f"{v:.1f} / {t:.1f}, {x:.1f}" for v, t, x in mean) + " |")
+        lines.append(f"| {filter}, {lit}, {rate:g} | " + " | ".join(f"{v:.1f} / {t:.1f}, {x:.1f}" for v, t, x in mean).replace("inf", "∞") + " |")
     return "\n".join(lines) + "\n"
 
 

@@ -76,12 +76,9 @@ impl ImportError {
 
     /// Wraps an I/O error with the folder of scratch files, for `map_err`.
     pub(crate) fn scratch(directory: &Path) -> impl FnOnce(std::io::Error) -> Self + '_ {
-        move |error| {
-            let error = without_path(error);
-            match limit_behind(&error) {
-                Some(limit) => Self::Limit { path: directory.to_owned(), error, limit },
-                None => Self::Scratch { directory: directory.to_owned(), error },
-            }
+        move |error| match limit_behind(&error) {
+            Some(limit) => Self::Limit { path: directory.to_owned(), error, limit },
+            None => Self::Scratch { directory: directory.to_owned(), error },
         }
     }
 
@@ -100,13 +97,6 @@ impl ImportError {
     pub(crate) fn options(path: &Path, problem: impl Into<String>) -> Self {
         Self::Options { path: path.to_owned(), problem: problem.into() }
     }
-}
-
-/// Returns the system's own error, without the name of a temporary file unknown to the user: `tempfile` keeps only its words.
-pub fn without_path(error: std::io::Error) -> std::io::Error {
-    let told = error.get_ref().map(ToString::to_string).unwrap_or_default();
-    let code = told.split_once("(os error ").and_then(|(_, rest)| rest.split_once(')')?.0.parse().ok());
-    code.map_or(error, std::io::Error::from_raw_os_error)
 }
 
 /// Whether an error is about the process's permissions or limits rather than the file.
@@ -145,14 +135,5 @@ mod tests {
             assert!(message.contains("nothing is wrong with the file"), "{message}");
         }
         assert!(!message(rustix::io::Errno::NOENT.raw_os_error()).contains("nothing is wrong"));
-    }
-
-    #[test]
-    fn temporary_files_are_not_named() {
-        let missing = Path::new("no such folder");
-        let error = tempfile::Builder::new().prefix("scratch-").tempfile_in(missing).unwrap_err();
-        assert!(error.to_string().contains("scratch-"), "{error}");
-        let message = ImportError::scratch(missing)(error).to_string();
-        assert!(message.contains("no such folder") && !message.contains("scratch-"), "{message}");
     }
 }

@@ -49,6 +49,7 @@ mod step_time;
 mod steps_tests;
 mod strided;
 mod synth;
+pub mod temporary;
 #[cfg(test)]
 mod testing;
 #[cfg(feature = "tiff")]
@@ -63,7 +64,7 @@ use absent::tiff_stack;
 pub use axes::AxisOrder;
 pub use described::Described;
 pub use element::Endian;
-pub use error::{ImportError, is_of_process, limit_behind, without_path};
+pub use error::{ImportError, is_of_process, limit_behind};
 #[cfg(feature = "mesh")]
 pub use mesh::read_mesh;
 pub use note::Note;

@@ -19,6 +19,7 @@ use crate::series::StepFile;
 use crate::source::{Access, SourceInfo};
 use crate::stamp::Stamp;
 use crate::step_time::StepTime;
+use crate::temporary::unnamed_in;
 use brickyard_volume::VoxelType;
 use header::Header;
 use std::fs::File;
@@ -194,7 +195,7 @@ fn inflate(
 ) -> Result<(File, u64)> {
     let directory = options.scratch_dir.clone().unwrap_or_else(std::env::temp_dir);
     check_space(&directory, expected)?;
-    let scratch = tempfile::tempfile_in(&directory).map_err(ImportError::scratch(&directory))?;
+    let scratch = unnamed_in(&directory).map_err(ImportError::scratch(&directory))?;
     let mut scratch = BufWriter::with_capacity(1 << 20, scratch);
     let mut buffer = vec![0; 1 << 18];
     let (mut written, mut trailing) = (0, 0);

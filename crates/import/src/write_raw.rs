@@ -1,9 +1,10 @@
 //! Raw file writer: all threads make pieces, and write each at its offset as soon as it is done. The file takes its
 //! name only when complete.
 
-use crate::error::{ImportError, without_path};
+use crate::error::ImportError;
 use crate::files::folder_of;
 use crate::source::{Access, Source};
+use crate::temporary::named_in;
 use brickyard_volume::{Extent, VoxelBox};
 use std::fs::File;
 use std::io::{Seek, SeekFrom, Write};
@@ -30,7 +31,7 @@ pub fn write_raw(
         return Err(ImportError::options(path, "exists already; choose another name, or remove it"));
     }
     let folder = folder_of(path);
-    let partial = temporary_in(folder).map_err(ImportError::io(folder))?;
+    let partial = named_in(folder, ".", ".partial").map_err(ImportError::io(folder))?;
     let pieces = Pieces::new(source);
     partial.as_file().set_len(pieces.total_bytes()).map_err(ImportError::io(path))?;
     let sink = Mutex::new(Sink { file: partial.as_file(), written: 0, progress });
@@ -63,18 +64,6 @@ pub fn write_raw(
     let persisted = if overwrite { partial.persist(path) } else { partial.persist_noclobber(path) };
     persisted.map_err(|e| ImportError::io(path)(e.error))?;
     Ok(())
-}
-
-/// Creates a file in the folder that vanishes unless it is given a name, and is then readable like any other.
-fn temporary_in(folder: &Path) -> std::io::Result<tempfile::NamedTempFile> {
-    let mut builder = tempfile::Builder::new();
-    builder.prefix(".").suffix(".partial");
-    #[cfg(unix)]
-    {
-        use std::os::unix::fs::PermissionsExt;
-        builder.permissions(std::fs::Permissions::from_mode(0o666));
-    }
-    builder.tempfile_in(folder).map_err(without_path)
 }
 
 struct Sink<'a> {

@@ -9,7 +9,7 @@ use crate::error::ExportError;
 use crate::inside::check_outside;
 use crate::pack::pool;
 use crate::store::Store;
-use brickyard_import::without_path;
+use brickyard_import::temporary::named_in;
 use brickyard_volume::{Extent, Level, VoxelBox, VoxelType};
 use rayon::prelude::*;
 use std::fs::File;
@@ -107,7 +107,7 @@ pub fn export(
     if std::fs::metadata(output).is_ok_and(|found| !found.is_file()) {
         return Err(io(std::io::Error::other("is not a regular file, and is never replaced")));
     }
-    let mut file = temporary_in(folder).map_err(io)?;
+    let mut file = named_in(folder, ".brickyard-export", "").map_err(io)?;
     file.write_all(&header).map_err(io)?;
     write_voxels(store, request, region, file.as_file(), header.len() as u64, output, &progress)?;
     file.as_file().sync_all().map_err(io)?;
@@ -236,17 +236,6 @@ fn npy_header(voxel_type: VoxelType, extent: Extent, time: ExportTime) -> Vec<u8
     let bytes = (MAGIC.len() + 2 + dictionary.len() + 1).next_multiple_of(64);
     let padded = format!("{dictionary:width$}\n", width = bytes - MAGIC.len() - 3);
     [MAGIC, &(padded.len() as u16).to_le_bytes(), padded.as_bytes()].concat()
-}
-
-/// Creates a file deleted unless named. Temporary files are private; an export has a new file's usual permissions.
-fn temporary_in(folder: &Path) -> std::io::Result<tempfile::NamedTempFile> {
-    use std::os::unix::fs::PermissionsExt;
-    let permissions = std::fs::Permissions::from_mode(0o666);
-    tempfile::Builder::new()
-        .prefix(".brickyard-export")
-        .permissions(permissions)
-        .tempfile_in(folder)
-        .map_err(without_path)
 }
 
 #[cfg(test)]

@@ -1,7 +1,7 @@
 //! Files written whole or not at all: under a temporary name beside their final place, then renamed. The name is
 //! random, and the file always new: nobody can plant a link there to have another file overwritten.
 
-use brickyard_import::without_path;
+use brickyard_import::temporary::named_in;
 use std::ffi::{OsStr, OsString};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
@@ -26,15 +26,7 @@ impl WholeFile {
         let name = path.file_name().ok_or_else(|| io::Error::other("not a file name"))?;
         // Identifies the owner, should the program be killed.
         let prefix: OsString = [OsStr::new("."), name, OsStr::new(".")].into_iter().collect();
-        let mut builder = tempfile::Builder::new();
-        builder.prefix(&prefix).suffix(".tmp");
-        #[cfg(unix)]
-        {
-            use std::os::unix::fs::PermissionsExt;
-            // As for any new file, subject to the process's mask.
-            builder.permissions(std::fs::Permissions::from_mode(0o666));
-        }
-        let file = builder.tempfile_in(folder).map_err(without_path)?;
+        let file = named_in(folder, prefix, ".tmp")?;
         Ok(Self { file: BufWriter::new(file), path: path.to_path_buf() })
     }
 

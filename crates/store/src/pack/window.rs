@@ -1,7 +1,8 @@
 //! The slices of one level still in use: a ring along z, in memory or, if memory is short, in a mapped scratch file,
 //! and so in reclaimable page cache.
 
-use brickyard_import::{Lent, without_path};
+use brickyard_import::Lent;
+use brickyard_import::temporary::unnamed_in;
 use brickyard_volume::{Extent, VoxelBox};
 use memmap2::MmapMut;
 use rustix::fs::{FallocateFlags, fallocate};
@@ -31,7 +32,7 @@ impl Window {
         let bytes = match scratch {
             None => MmapMut::map_anon(bytes)?,
             Some(dir) => {
-                let mut file = tempfile::tempfile_in(dir).map_err(without_path)?;
+                let mut file = unnamed_in(dir)?;
                 reserve(&mut file, bytes as u64)?;
                 // SAFETY: the file has no name, so no one else can truncate or write it; its blocks are allocated, so
                 // no write through the map can run out of disk.
