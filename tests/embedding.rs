@@ -7,10 +7,11 @@ use brickyard::pager::Playback;
 use brickyard::render::{Gpu, GpuError, Target, wgpu};
 use brickyard::session::{Drawn, Frame, Session, SessionError, SessionOptions, VolumeSource};
 use brickyard::volume::{
-    Camera, Extent, Filter, Geometry, Lighting, LightingModel, Mesh, MeshLook, Mode, Picture, Projection, Sampling,
-    Scene, SceneLayer, Stereo, StereoLayout, TransferFunction,
+    Camera, Extent, Filter, Geometry, Lighting, LightingModel, Mesh, MeshLook, Mode, Picture, Placement, Projection,
+    Sampling, Scene, SceneLayer, Stereo, StereoLayout, TransferFunction,
 };
 use brickyard_tests::{FunctionSource, TestStore, leave_out, oracle};
+use glam::{DAffine3, DVec3};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
@@ -480,6 +481,81 @@ fn late_answers_are_of_the_frame_that_they_were_asked_of() {
     }
     let all = brickyard::volume::Pyramid::new(EXTENT, [1.0; 3], 16).level(brickyard::volume::Level(0)).bricks.volume();
     assert!(wanted.iter().all(|&wanted| (wanted as u64) < all / 2), "what is hidden is wanted: {wanted:?} of {all}");
+}
+
+/// A GPU's compositors are tried by the first frames, on their way, and the picture is the same before and after; where `sorted` has no
+/// order rays draw; and what rays told of a scene is not awaited from `sorted`.
+#[test]
+fn both_compositors_are_tried_and_the_faster_one_is_kept() {
+    let (Some(app), store) = (Application::new(), store()) else { return };
+    if !app.device.features().contains(wgpu::Features::TIMESTAMP_QUERY) {
+        return;
+    }
+    let texture = app.texture(FORMAT, SIZE);
+    let view = texture.create_view(&Default::default());
+    let target = whole(&view);
+    let mut session = app.session(&store, true);
+    session.try_compositors();
+    let compositor = |session: &Session| session.backend().map_or("", |backend| backend.compositor());
+    let is_said = |session: &Session| session.backend_line().contains(" times as long)");
+    let mut frames = 0;
+    for turn in 0.. {
+        let frame = session.step(&scene(0.05, 3.0 * turn as f64), SIZE).expect("a step");
+        app.draw(&mut session, &frame, &target);
+        if is_said(&session) {
+            break;
+        }
+        assert!(["", "sorted"].contains(&compositor(&session)), "`sorted` draws what is seen");
+        frames += 1;
+        assert!(frames < 2000, "the trial has no end");
+        session.wait(Duration::from_millis(5));
+    }
+    assert!(frames >= 10, "{frames} frames are too few for a trial");
+    let winner = compositor(&session);
+    assert!(session.backend_line().contains(&format!(": {winner} (")), "{}", session.backend_line());
+    // Later frames, and those of another fit, are the winner's.
+    for size in [SIZE, (300, 300)] {
+        let texture = app.texture(FORMAT, size);
+        let view = texture.create_view(&Default::default());
+        app.settle(&mut session, &scene(0.05, 40.0), size, &whole(&view));
+        assert_eq!(compositor(&session), winner);
+        assert!(is_said(&session));
+        let (found, expected) = (rgb(&app.read(&texture)), rendered(&store, &scene(0.05, 40.0), size));
+        assert!(most(&found, &expected.rgb) <= 1, "{}", most(&found, &expected.rgb));
+    }
+}
+
+/// While `sorted` draws, scenes without an order for it are drawn by rays, and all of them settle, in any order.
+#[test]
+fn scenes_without_an_order_are_drawn_by_rays() {
+    let (Some(app), store) = (Application::new(), store()) else { return };
+    if !app.device.features().contains(wgpu::Features::TIMESTAMP_QUERY) {
+        return;
+    }
+    let texture = app.texture(FORMAT, SIZE);
+    let view = texture.create_view(&Default::default());
+    let options = SessionOptions {
+        gpu_memory_bytes: 64 << 20,
+        host_memory_bytes: 64 << 20,
+        threads: 2,
+        live: true,
+        ..SessionOptions::default()
+    };
+    let volumes = || vec![VolumeSource::of_store(&store.store), VolumeSource::of_store(&store.store)];
+    let mut session = Session::on_gpu(volumes(), options, app.gpu());
+    session.try_compositors();
+    let one = scene(0.05, 20.0);
+    let moved = Placement::new(DAffine3::from_translation(DVec3::splat(5.5))).expect("a placement");
+    let mut two = one.clone();
+    two.layers.push(SceneLayer { source: Some(1), world_from_volume: moved, ..two.layers[0].clone() });
+    for (shown, by) in [(&one, "sorted"), (&two, "raycast"), (&one, "sorted"), (&two, "raycast")] {
+        app.settle(&mut session, shown, SIZE, &whole(&view));
+        assert_eq!(session.backend().map(|backend| backend.compositor()), Some(by));
+    }
+    let mut alone = Session::new(volumes(), SessionOptions { backend: BackendChoice::Gpu, live: false, ..options });
+    let expected = alone.render(&two, SIZE).expect("a picture").picture;
+    let found = rgb(&app.read(&texture));
+    assert!(most(&found, &expected.rgb) <= 1, "{}", most(&found, &expected.rgb));
 }
 
 /// A flight, with pictures as large as a frame's budget makes felt, and little room for bricks: once it is under way nothing waits for

@@ -28,6 +28,8 @@ pub(crate) mod session_error;
 pub(crate) mod shown_picture;
 pub(crate) mod slot_change;
 pub(crate) mod table_cache;
+#[cfg(feature = "gpu")]
+pub(crate) mod trial;
 pub(crate) mod unfinished_rays;
 pub mod unlike_sizes;
 pub(crate) mod volume_source;
@@ -202,9 +204,15 @@ impl Session {
         Ok(resolved)
     }
 
-    /// Refuses fog and surfaces in cells of unlike grids for the sorted compositor: they have no common order from back
-    /// to front, so they take rays.
+    /// Refuses scenes without an order for the sorted compositor.
     fn check_order(&self, scene: &ResolvedScene) -> Result<(), SessionError> {
+        let is_sorted = self.options.compositor == CompositorChoice::Sorted;
+        if !is_sorted || self.has_order(scene) { Ok(()) } else { Err(SessionError::NoOrder) }
+    }
+
+    /// Whether the sorted compositor can draw a scene. Fog and surfaces in cells of unlike grids have no common order
+    /// from back to front, so they take rays.
+    fn has_order(&self, scene: &ResolvedScene) -> bool {
         let first = &scene.layers[0];
         let is_on_its_grid = |layer: &ResolvedLayer| {
             let [pyramid, of_first] = [layer, first].map(|layer| self.volumes[layer.volume].source.pyramid());
@@ -216,10 +224,7 @@ impl Session {
             let is_one_place = own.geometry == other.geometry && own.placement == other.placement;
             pyramid == of_first && is_one_place && slots(own) == slots(other)
         };
-        let has_one_grid = || scene.layers.iter().all(is_on_its_grid);
-        let is_projection = first.frames[0].settings.mode.is_projection();
-        let is_sorted = self.options.compositor == CompositorChoice::Sorted;
-        if !is_sorted || is_projection || has_one_grid() { Ok(()) } else { Err(SessionError::NoOrder) }
+        first.frames[0].settings.mode.is_projection() || scene.layers.iter().all(is_on_its_grid)
     }
 
     /// Creates the backend and the pagers for a scene, unless the present ones suffice. The first step of a scene does
@@ -253,6 +258,8 @@ impl Session {
     /// Ends the backend and its pagers. Decoded bricks and the shown picture stay.
     fn end_fit(&mut self) {
         (self.past, self.last) = (self.counted, None);
+        #[cfg(feature = "gpu")]
+        self.device.trial.forget_pictures();
         self.player.forget();
         if let Some(fit) = self.fit.take() {
             let keeps_picture = self.shown.as_ref().is_some_and(ShownPicture::is_on_device);

@@ -2,7 +2,7 @@
 
 use super::session_args::processors;
 use super::{Failure, heading, print_json, print_line, store_errors, values};
-use brickyard::backend::BackendChoice;
+use brickyard::backend::{BackendChoice, CompositorChoice};
 use brickyard::import::{SynthKind, SynthSource};
 use brickyard::memory::available_bytes;
 use brickyard::offline::{OfflineError, render_settled};
@@ -45,12 +45,15 @@ struct Adapter {
     max_buffer_bytes: u64,
     atlas_u8: String,
     atlas_u16: String,
+    /// Whether windows on it compare compositors.
+    is_compared: bool,
 }
 
 /// One backend's attempt at the test picture.
 #[derive(Serialize)]
 struct Trial {
     backend: &'static str,
+    compositor: &'static str,
     ok: bool,
     /// The adapter, or the reason for the failure.
     detail: String,
@@ -83,6 +86,7 @@ pub(crate) fn run(arguments: &DoctorArguments) -> Result<(), Failure> {
 
 fn adapter(report: brickyard::render::AdapterReport) -> Adapter {
     Adapter {
+        is_compared: report.timestamps && !report.is_software(),
         atlas_u8: format!("{:?}", report.formats.atlas_u8),
         atlas_u16: format!("{:?}", report.formats.atlas_u16),
         name: report.name,
@@ -113,13 +117,28 @@ fn trials_in(path: &std::path::Path) -> Result<Vec<Trial>, Failure> {
     let scene = Scene::default();
     let resolved = resolve(&[VolumeSource::of_store(&store)], &scene, SIZE).map_err(Failure::failed)?;
     let expected = render_reference(&[&store], &resolved, 1 << 30).map_err(Failure::failed)?;
-    let backends = [("gpu", BackendChoice::Gpu), ("cpu", BackendChoice::Cpu)];
-    Ok(backends.into_iter().map(|(name, choice)| trial(name, choice, &store, &scene, &expected)).collect())
+    let ways = [
+        ("gpu", BackendChoice::Gpu, "raycast", CompositorChoice::Raycast),
+        ("gpu", BackendChoice::Gpu, "sorted", CompositorChoice::Sorted),
+        ("cpu", BackendChoice::Cpu, "raycast", CompositorChoice::Raycast),
+    ];
+    let all = ways.into_iter().map(|(backend, choice, compositor, by)| {
+        let (ok, detail, frame_ms) = trial((choice, by), &store, &scene, &expected);
+        Trial { backend, compositor, ok, detail, frame_ms }
+    });
+    Ok(all.collect())
 }
 
-fn trial(name: &'static str, backend: BackendChoice, store: &Arc<Store>, scene: &Scene, expected: &Picture) -> Trial {
+/// Renders the test picture. Returns whether it matches, the adapter or the reason for a failure, and milliseconds.
+fn trial(
+    (backend, compositor): (BackendChoice, CompositorChoice),
+    store: &Arc<Store>,
+    scene: &Scene,
+    expected: &Picture,
+) -> (bool, String, f64) {
     let options = SessionOptions {
         backend,
+        compositor,
         gpu_memory_bytes: 64 << 20,
         cpu_memory_bytes: 64 << 20,
         host_memory_bytes: 64 << 20,
@@ -134,13 +153,13 @@ fn trial(name: &'static str, backend: BackendChoice, store: &Arc<Store>, scene: 
         .map_err(OfflineError::Session)
         .and_then(|resolved| render_settled(&mut session, &resolved, wait, Instant::now(), &mut stats, &mut frame_ms));
     match drawn {
-        Err(error) => Trial { backend: name, ok: false, detail: error.to_string(), frame_ms: 0.0 },
+        Err(error) => (false, error.to_string(), 0.0),
         Ok(picture) => {
             let difference = picture.difference(expected);
             let same = difference.max <= 1 || difference.psnr_db >= 50.0;
             let verdict = if same { "matches the reference" } else { "does NOT match the reference" };
             let detail = format!("{}: {verdict} (greatest difference {}/255)", session.backend_line(), difference.max);
-            Trial { backend: name, ok: same, detail, frame_ms: frame_ms[0] }
+            (same, detail, frame_ms[0])
         }
     }
 }
@@ -166,8 +185,16 @@ fn text(report: &Report) -> String {
     for t in &report.trials {
         let mark = if t.ok { "ok" } else { "FAILED" };
         let time = if t.ok { format!(", {:.1} ms", t.frame_ms) } else { String::new() };
-        lines.push(format!("{} test picture: {mark}: {}{time}", t.backend, t.detail));
+        lines.push(format!("{} test picture ({}): {mark}: {}{time}", t.backend, t.compositor, t.detail));
     }
+    lines.push(match report.adapters.iter().find(|adapter| adapter.is_compared) {
+        Some(adapter) => format!(
+            "compositor: windows on {} draw their first frames by sorted and by raycast, and keep the faster; pictures \
+             and movies take raycast",
+            adapter.name
+        ),
+        None => "compositor: raycast (windows on a hardware GPU with timestamps compare sorted with it)".into(),
+    });
     lines.join("\n")
 }
 

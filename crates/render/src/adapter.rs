@@ -106,6 +106,11 @@ impl fmt::Display for AdapterReport {
 }
 
 impl AdapterReport {
+    /// Whether the adapter is a software rasteriser.
+    pub fn is_software(&self) -> bool {
+        self.kind == rank(DeviceType::Cpu).1
+    }
+
     /// Reports on an adapter without a device.
     fn of(adapter: &wgpu::Adapter) -> Self {
         Self::new(adapter, adapter.features(), &adapter.limits())

@@ -13,6 +13,15 @@ pub enum Compositor {
 }
 
 impl Compositor {
+    /// The other one of `sorted` and `raycast`; `None` for `compute`.
+    pub(crate) fn other(self) -> Option<Self> {
+        match self {
+            Self::Sorted => Some(Self::Raycast),
+            Self::Raycast => Some(Self::Sorted),
+            Self::Compute => None,
+        }
+    }
+
     /// The compositor's name: `sorted`, `raycast` or `compute`.
     pub fn name(self) -> &'static str {
         match self {

@@ -4,6 +4,7 @@
 use crate::GpuError;
 use crate::answers::{COUNTS_AT, MARKS_AT, Question};
 use crate::buffer_parts::{Part, Parts};
+use crate::compositor_parts::{CompositorParts, March};
 use crate::frame::Framed;
 use crate::gather_plan::{Course, Projected};
 use crate::layer::GpuLayer;
@@ -12,7 +13,7 @@ use crate::march::{Gathering, attachment, color_pass, draw_over_all};
 use crate::meshes::{Peeled, is_counted};
 use crate::pipelines::{Pipeline, Wanted};
 use crate::pool::Pool;
-use crate::renderer::{GpuRenderer, March, check_size};
+use crate::renderer::{GpuRenderer, check_size, rays_of};
 use crate::sorted::Boxes;
 use crate::targets::{Reading, Targets};
 use crate::transfer_table::{self, COMBINED, Places};
@@ -95,7 +96,7 @@ impl GpuRenderer {
     pub fn prepare(&mut self, layers: &[Layer<'_>], combination: Option<&Combination>) {
         // Impossible pictures report their error when drawn.
         if let Ok(course) = self.course(&layers.iter().map(Framed::of).collect::<Vec<_>>(), combination) {
-            self.pipelines.prepare(course.wanted());
+            self.parts.pipelines.prepare(course.wanted());
         }
     }
 
@@ -103,7 +104,7 @@ impl GpuRenderer {
     /// or waits for the compiling thread.
     pub fn is_prepared(&self, layers: &[Layer<'_>], combination: Option<&Combination>) -> bool {
         let course = self.course(&layers.iter().map(Framed::of).collect::<Vec<_>>(), combination);
-        course.map_or(true, |course| self.pipelines.are_made(&course.wanted()))
+        course.map_or(true, |course| self.parts.pipelines.are_made(&course.wanted()))
     }
 
     /// Begins a picture of the renderer's only layer, in its own world, from several draw lists, back to front. Slots
@@ -169,7 +170,7 @@ impl GpuRenderer {
 
     fn make_ready(&mut self, course: &Course, frame: &FrameSettings) -> Result<(), GpuError> {
         let compositor = self.compositor();
-        let Self { gpu, shared, pipelines, meshes, peeled, targets, .. } = self;
+        let Self { gpu, shared, parts, meshes, peeled, targets, .. } = self;
         let size_px = (frame.rays.width, frame.rays.height);
         let has_meshes = !frame.meshes.is_empty();
         if let Some(meshes) = meshes.as_mut().filter(|_| has_meshes) {
@@ -180,7 +181,11 @@ impl GpuRenderer {
                 *peeled = Some(Peeled::new(gpu, meshes, shared, size_px)?);
             }
         }
-        course.wanted().iter().try_for_each(|wanted| pipelines.need(wanted)).map_err(|error| gpu.reason(error))?;
+        course
+            .wanted()
+            .iter()
+            .try_for_each(|wanted| parts.pipelines.need(wanted))
+            .map_err(|error| gpu.reason(error))?;
         let wanted = (course.gather(), course.is_joined());
         if !targets.as_ref().is_some_and(|targets| targets.suit(wanted, size_px)) {
             // The old targets go first: both together would exceed the budget.
@@ -192,8 +197,9 @@ impl GpuRenderer {
 
     /// Sends tables and frames, including the meshes' frame: the first layer's, but in the scene's world.
     fn send(&mut self, framed: &[Framed<'_>], course: &Course, combination: Option<&Combination>) {
-        let parts: Vec<Part> = (0..framed.len()).map(|i| frame_part(&self.layers, framed, course, i)).collect();
-        let Self { gpu, shared, march, meshes, layers, pools, combined, combined_part, .. } = self;
+        let places: Vec<Part> = (0..framed.len()).map(|i| frame_part(&self.layers, framed, course, i)).collect();
+        let Self { gpu, shared, parts, other_parts, meshes, layers, pools, combined, combined_part, .. } = self;
+        let rays = rays_of(parts, other_parts);
         let composite = gpu.report.formats.composite;
         let settings = framed[0].settings;
         let meshes = meshes.as_ref().filter(|_| !settings.meshes.is_empty());
@@ -204,9 +210,9 @@ impl GpuRenderer {
             uniform.firsts = layer.shader(framed, pools[layer.pool].ranges, false).numbers();
             gpu.queue.write_buffer(&shared.frame, part.at, bytemuck::bytes_of(&uniform));
         };
-        for (framed, part) in framed.iter().zip(parts) {
+        for (framed, part) in framed.iter().zip(places) {
             let layer = &mut layers[framed.number];
-            layer.set_table(gpu, shared, march.rays(), (&framed.settings.table, Places::of(framed.settings.mode)));
+            layer.set_table(gpu, shared, rays, (&framed.settings.table, Places::of(framed.settings.mode)));
             write(part, layer, framed);
         }
         if let Some(meshes) = meshes {
@@ -280,12 +286,12 @@ impl Passes<'_> {
 
     /// Gathers only one layer, or all of them together.
     fn march(&self, only: Option<usize>, shader: &Shader, draws: &[&DrawList]) -> Result<(), GpuError> {
-        let GpuRenderer { gpu, shared, march, .. } = &*self.renderer;
+        let GpuRenderer { gpu, shared, parts, .. } = &*self.renderer;
         let is_first = self.lists == 0;
         let marched = only.map_or(0..draws.len(), |i| i..i + 1);
         let layer = only.map(|i| self.framed[i].number);
         let (gathering, pipeline) = (self.gathering(marched.start)?, self.pipeline(shader)?);
-        match (march, pipeline) {
+        match (&parts.march, pipeline) {
             (March::Sorted(sorted), Pipeline::Render(pipeline)) => {
                 let drawn = |i: usize| (draws[i], self.framed[i].pyramid, self.pool(i));
                 let boxes = Boxes::new(&marched.map(drawn).collect::<Vec<_>>())?;
@@ -319,7 +325,7 @@ impl Passes<'_> {
 
     /// Adds a gathered layer to the sums, or puts it over them; the first layer begins them.
     fn join(&self, projected: &Projected, is_first: bool) -> Result<(), GpuError> {
-        let GpuRenderer { gpu, shared, layouts, .. } = &*self.renderer;
+        let GpuRenderer { gpu, shared, parts: CompositorParts { layouts, .. }, .. } = &*self.renderer;
         let targets = self.targets()?;
         let (seen, shown) = projected.resolved();
         let pipeline = self.resolve(seen, shown)?;
@@ -420,7 +426,7 @@ impl Passes<'_> {
         let mut encoder = self.renderer.gpu.device.create_command_encoder(&Default::default());
         self.resolve_all(&mut encoder)?;
         let (marked, peeled, rect) = (self.marked_cells(), self.peeled(), self.shown_rect());
-        let GpuRenderer { gpu, shared, targets: Some(targets), meshes, march, answers, .. } = &mut *self.renderer
+        let GpuRenderer { gpu, shared, targets: Some(targets), meshes, parts, answers, .. } = &mut *self.renderer
         else {
             return Err(no_target());
         };
@@ -430,7 +436,7 @@ impl Passes<'_> {
             shared.take_timestamps(&mut encoder, sheet);
             meshes.iter().for_each(|meshes| meshes.take_counts(&mut encoder, peeled, (sheet, COUNTS_AT)));
         }
-        if let (Some(cells), March::Raycast(raycast)) = (&marked, march) {
+        if let (Some(cells), March::Raycast(raycast)) = (&marked, &parts.march) {
             let cells = cells.iter().map(|(_, cells)| cells).sum();
             raycast.take_marks(&mut encoder, cells, sheet.as_ref().map(|sheet| (sheet, MARKS_AT)));
         }
@@ -471,7 +477,7 @@ impl Passes<'_> {
     fn marked_cells(&self) -> Option<Vec<(usize, usize)>> {
         let renderer = &*self.renderer;
         let marks = self.course.gather().occludes() && renderer.gpu.report.feedback;
-        let is_marked = marks && matches!(renderer.march, March::Raycast(_));
+        let is_marked = marks && matches!(renderer.parts.march, March::Raycast(_));
         is_marked.then(|| self.framed.iter().map(|framed| framed.number).zip(self.cells.iter().copied()).collect())
     }
 
@@ -496,18 +502,18 @@ impl Passes<'_> {
     }
 
     fn pipeline(&self, shader: &Shader) -> Result<&Pipeline, GpuError> {
-        self.renderer.pipelines.get(&Wanted::March(shader.clone())).ok_or_else(no_target)
+        self.renderer.parts.pipelines.get(&Wanted::March(shader.clone())).ok_or_else(no_target)
     }
 
     fn resolve(&self, seen: Seen, shown: Shown) -> Result<&wgpu::RenderPipeline, GpuError> {
-        match self.renderer.pipelines.get(&Wanted::Resolve(seen, shown)) {
+        match self.renderer.parts.pipelines.get(&Wanted::Resolve(seen, shown)) {
             Some(Pipeline::Render(pipeline)) => Ok(pipeline),
             _ => Err(no_target()),
         }
     }
 
     fn resolve_bindings(&self) -> Result<wgpu::BindGroup, GpuError> {
-        let GpuRenderer { gpu, shared, layouts, .. } = &*self.renderer;
+        let GpuRenderer { gpu, shared, parts: CompositorParts { layouts, .. }, .. } = &*self.renderer;
         let (targets, parts) = (self.targets()?, &Parts { frame: self.frame_part(0), ..self.layer(0).parts });
         let sums = targets.sums.as_ref().filter(|_| self.course.is_joined());
         Ok(shared.resolve_bindings(gpu, layouts, parts, &targets.gathered, sums))

@@ -19,6 +19,7 @@ mod blit;
 mod buffer_parts;
 mod buffers;
 mod compositor;
+mod compositor_parts;
 mod error;
 mod frame;
 mod frame_pass;

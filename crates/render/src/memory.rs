@@ -97,8 +97,10 @@ pub(crate) struct MemoryNeeds<'a> {
     pub(crate) max_texture_3d: u32,
     /// The largest buffer visible to a shader, bytes.
     pub(crate) max_binding_bytes: u64,
-    /// Whether rays skip empty space; `None` if the compositor casts none.
+    /// Whether rays skip empty space; `None` if no compositor casts any.
     pub(crate) casts_rays: Option<bool>,
+    /// Whether a compositor draws cells as boxes.
+    pub(crate) draws_boxes: bool,
     /// Whether to reserve the transfer table of an expression over layers.
     pub(crate) has_expressions: bool,
     /// Whether to reserve the left eye's picture, as on an application's device.
@@ -220,16 +222,16 @@ impl MemoryNeeds<'_> {
         if largest > self.max_binding_bytes {
             return Err(GpuError::Meshes { bytes: largest, limit_bytes: self.max_binding_bytes });
         }
-        let compositor = match self.casts_rays {
-            None => (CELLS_PER_SUBMISSION * (size_of::<CellInstance>() + size_of::<CellBrick>())) as u64,
-            Some(_) => 0,
+        let boxes = match self.draws_boxes {
+            true => (CELLS_PER_SUBMISSION * (size_of::<CellInstance>() + size_of::<CellBrick>())) as u64,
+            false => 0,
         };
         let combined = if self.has_expressions { TableCapacity::of_places(COMBINED).bytes_staged() } else { 0 };
         let left_eye = if self.has_two_eyes { pixels * texel_bytes(DISPLAY_FORMAT) } else { 0 };
         Ok(picture_bytes(&self.formats, self.max_size_px, self.layers.len() > 1)
             + left_eye
             + mesh_bytes(room, pixels, self.formats.composite)
-            + compositor
+            + boxes
             + combined
             + size_of::<FrameUniform>() as u64
             + self.layers.iter().map(|layer| self.layer_bytes(layer)).sum::<u64>()
@@ -333,6 +335,7 @@ mod tests {
             max_texture_3d: 4096,
             max_binding_bytes: 128 << 20,
             casts_rays: None,
+            draws_boxes: true,
             has_expressions: false,
             has_two_eyes: false,
             batches: 2,
@@ -341,7 +344,7 @@ mod tests {
 
     fn both(needs: MemoryNeeds<'_>) -> [MemoryNeeds<'_>; 2] {
         let needs = MemoryNeeds { has_expressions: needs.layers.len() > 1, ..needs };
-        [needs, MemoryNeeds { casts_rays: Some(true), ..needs }]
+        [needs, MemoryNeeds { casts_rays: Some(true), draws_boxes: false, ..needs }]
     }
 
     #[test]
@@ -389,7 +392,12 @@ mod tests {
         let stored = VolumeNeeds { bricks: Needs { gradient_layers: 1, ..plain.bricks }, ..plain };
         for is_cast in [None, Some(true)] {
             let of = |layer: VolumeNeeds| {
-                MemoryPlan::new(&MemoryNeeds { casts_rays: is_cast, ..needs(&[layer], 100 << 20) }).unwrap()
+                MemoryPlan::new(&MemoryNeeds {
+                    casts_rays: is_cast,
+                    draws_boxes: is_cast.is_none(),
+                    ..needs(&[layer], 100 << 20)
+                })
+                .unwrap()
             };
             let (plain, stored) = (of(plain), of(stored));
             assert!(stored.bytes() <= 100 << 20);

@@ -54,11 +54,13 @@ impl Requests {
 }
 
 impl Pipelines {
-    /// Returns the pipelines left by another renderer (`kept`) if `maker` would produce the same ones, else an empty
-    /// set.
-    pub(crate) fn kept_or_new(kept: Option<Self>, maker: Maker) -> Self {
-        let of_maker = |maker| Self { maker, all: HashMap::new(), requests: Default::default(), thread: None };
-        kept.filter(|kept| kept.maker.makes_the_same(&maker)).unwrap_or_else(|| of_maker(Arc::new(maker)))
+    /// Takes the pipelines left by another renderer from `kept` if `maker` would produce the same ones, else returns an
+    /// empty set.
+    pub(crate) fn kept_or_new(kept: &mut Vec<Self>, maker: Maker) -> Self {
+        match kept.iter().position(|kept| kept.maker.makes_the_same(&maker)) {
+            Some(i) => kept.swap_remove(i),
+            None => Self { maker: Arc::new(maker), all: HashMap::new(), requests: Default::default(), thread: None },
+        }
     }
 
     /// Compiles a pipeline unless it exists, or waits for the thread compiling it.

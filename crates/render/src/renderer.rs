@@ -11,16 +11,13 @@ use crate::answers::{Answer, Answers};
 use crate::blit::{Blit, LastPicture};
 use crate::buffer_parts::{Ends, Part};
 use crate::buffers::{RayBuffers, SharedBuffers};
+use crate::compositor_parts::{Common, CompositorParts};
 use crate::layer::GpuLayer;
-use crate::layouts::Layouts;
 use crate::memory::{MemoryNeeds, MemoryPlan, PoolPlan};
 use crate::meshes::{Meshes, Peeled};
 use crate::pace::Pace;
 use crate::pipeline_cache::Pipelines;
-use crate::pipelines::Maker;
 use crate::pool::Pool;
-use crate::raycast::Raycast;
-use crate::sorted::Sorted;
 use crate::targets::{Reading, Targets};
 use crate::{Compositor, Gpu, GpuError};
 use brickyard_pager::{Slot, VolumeNeeds, pools};
@@ -35,6 +32,9 @@ pub struct GpuOptions {
     pub preference: GpuPreference,
     /// The compositor, which gathers the samples of frames.
     pub compositor: Compositor,
+    /// Whether the renderer can also draw by the other one of `sorted` and `raycast`, from the same
+    /// slots: see [`GpuRenderer::set_compositor`].
+    pub switches: bool,
     /// Whether rays skip empty space. Without skipping, pictures are the same but take longer.
     pub skips_empty: bool,
     /// Whether to allow expressions over the layers: their table takes a mebibyte.
@@ -47,7 +47,14 @@ pub struct GpuOptions {
 impl Default for GpuOptions {
     fn default() -> Self {
         let (preference, compositor) = Default::default();
-        Self { preference, compositor, skips_empty: true, expressions: true, refuse_above_bytes: u64::MAX }
+        Self {
+            preference,
+            compositor,
+            switches: false,
+            skips_empty: true,
+            expressions: true,
+            refuse_above_bytes: u64::MAX,
+        }
     }
 }
 
@@ -61,9 +68,9 @@ pub struct GpuRenderer {
     pub(crate) layers: Vec<GpuLayer>,
     pub(crate) pools: Vec<Pool>,
     pub(crate) shared: SharedBuffers,
-    pub(crate) layouts: Layouts,
-    pub(crate) march: March,
-    pub(crate) pipelines: Pipelines,
+    /// The compositor in use, and the other one if the renderer switches.
+    pub(crate) parts: CompositorParts,
+    pub(crate) other_parts: Option<CompositorParts>,
     pub(crate) targets: Option<Targets>,
     /// Whether the targets came from another renderer, with its last shown picture.
     keeps_picture: bool,
@@ -93,13 +100,21 @@ pub struct GpuRenderer {
 #[derive(Debug)]
 pub struct Compiled {
     gpu: Gpu,
-    pipelines: Option<Pipelines>,
+    /// Those of each compositor.
+    pipelines: Vec<Pipelines>,
     picture: Option<LastPicture>,
+}
+
+impl Compiled {
+    /// The device's adapter.
+    pub fn adapter(&self) -> &AdapterReport {
+        &self.gpu.report
+    }
 }
 
 impl From<Gpu> for Compiled {
     fn from(gpu: Gpu) -> Self {
-        Self { gpu, pipelines: None, picture: None }
+        Self { gpu, pipelines: Vec::new(), picture: None }
     }
 }
 
@@ -124,6 +139,9 @@ impl Recipe {
             let problem = format!("{} layers: expected 1 to {MAX_VOLUMES}, of one scene", layers.len());
             return Err(GpuError::Mismatch(problem));
         }
+        if options.switches && options.compositor == Compositor::Compute {
+            return Err(GpuError::Mismatch("`compute` has no other compositor to switch to".into()));
+        }
         Ok(Self { options: *options, layers: layers.to_vec(), budget_bytes, max_size_px })
     }
 
@@ -143,7 +161,8 @@ impl Recipe {
             max_size_px: self.max_size_px,
             max_texture_3d: gpu.report.max_texture_3d,
             max_binding_bytes: gpu.device.limits().max_storage_buffer_binding_size,
-            casts_rays: (self.options.compositor != Compositor::Sorted).then_some(self.options.skips_empty),
+            casts_rays: self.has(|compositor| compositor != Compositor::Sorted).then_some(self.options.skips_empty),
+            draws_boxes: self.has(|compositor| compositor == Compositor::Sorted),
             has_expressions: self.options.expressions,
             has_two_eyes: gpu.is_lent,
             // Without waiting, more is in flight.
@@ -163,16 +182,15 @@ impl Recipe {
         Ok(())
     }
 
+    /// Whether one of the renderer's compositors is of a kind.
+    fn has(&self, is_of_kind: impl Fn(Compositor) -> bool) -> bool {
+        let GpuOptions { compositor, switches, .. } = self.options;
+        is_of_kind(compositor) || switches && compositor.other().is_some_and(is_of_kind)
+    }
+
     fn has_gradients(&self) -> bool {
         self.layers.iter().any(|layer| layer.bricks.gradient_layers > 0)
     }
-}
-
-/// A compositor with its buffers and bindings; `compute` shares those of `raycast`.
-#[derive(Debug)]
-pub(crate) enum March {
-    Sorted(Sorted),
-    Raycast(Raycast),
 }
 
 impl GpuRenderer {
@@ -240,7 +258,7 @@ impl GpuRenderer {
     }
 
     fn allocate(
-        Compiled { gpu, pipelines, picture }: Compiled,
+        Compiled { gpu, mut pipelines, picture }: Compiled,
         recipe: Recipe,
         memory: MemoryPlan,
         asked_bytes: u64,
@@ -259,12 +277,6 @@ impl GpuRenderer {
             }
         }
         let shared = SharedBuffers::new(&gpu, (ends.frames, ends.table), recipe.has_gradients())?;
-        let layouts = Layouts::new(&gpu, compositor, &pools, recipe.has_gradients());
-        let slots = (&layers[..], &pools[..]);
-        let march = match compositor {
-            Compositor::Sorted => March::Sorted(Sorted::new(&gpu, &layouts, &shared, slots)?),
-            _ => March::Raycast(Raycast::new(&gpu, &layouts, &shared, slots, (&ends, &memory))?),
-        };
         // The largest ones ever needed: a frame is too late to find out that they do not fit.
         let [_, _, marks_bytes] = memory.list_bytes();
         let largest = (Gather::Composite, layers.len() > 1);
@@ -284,8 +296,21 @@ impl GpuRenderer {
         let peeled =
             meshes.as_ref().map(|meshes| Peeled::new(&gpu, meshes, &shared, recipe.max_size_px)).transpose()?;
         gpu.check()?;
-        let of_meshes = meshes.as_ref().map(|meshes| meshes.layouts.clone());
-        let maker = Maker { gpu: gpu.clone(), compositor, layouts: layouts.clone(), meshes: of_meshes };
+        let mut parts_of = |compositor| {
+            let common = Common {
+                shared: &shared,
+                layers: &layers,
+                pools: &pools,
+                ends: &ends,
+                memory: &memory,
+                has_gradients: recipe.has_gradients(),
+                meshes: meshes.as_ref().map(|meshes| meshes.layouts.clone()),
+            };
+            CompositorParts::new(&gpu, compositor, common, &mut pipelines)
+        };
+        let parts = parts_of(compositor)?;
+        let other = compositor.other().filter(|_| recipe.options.switches);
+        let other_parts = other.map(parts_of).transpose()?;
         Ok(Self {
             recipe,
             memory,
@@ -293,9 +318,8 @@ impl GpuRenderer {
             layers,
             pools,
             shared,
-            layouts,
-            march,
-            pipelines: Pipelines::kept_or_new(pipelines, maker),
+            parts,
+            other_parts,
             targets: Some(targets),
             keeps_picture,
             pace: Pace::new(),
@@ -337,14 +361,15 @@ impl GpuRenderer {
     /// If the device is lost.
     pub fn into_compiled(self, keeps_picture: bool) -> Result<Compiled, GpuError> {
         // All other parts are dropped here.
-        let kept = |Self { gpu, pipelines, targets, blit, reading, .. }: Self| {
+        let kept = |Self { gpu, parts, other_parts, targets, blit, reading, .. }: Self| {
             // The next renderer may have no room for sums.
             let targets = targets.filter(|_| keeps_picture).map(Targets::without_sums);
+            let pipelines = std::iter::once(parts).chain(other_parts).map(|parts| parts.pipelines).collect();
             (gpu, pipelines, targets.map(|targets| LastPicture { targets, blit, reading }))
         };
         let (gpu, pipelines, picture) = kept(self);
         gpu.wait_for_all()?;
-        Ok(Compiled { gpu, pipelines: Some(pipelines), picture })
+        Ok(Compiled { gpu, pipelines, picture })
     }
 
     /// Sets a deadline: from now on, pictures unfinished at this time are given up with [`GpuError::TooLong`]; `None`
@@ -412,7 +437,21 @@ impl GpuRenderer {
 
     /// The compositor, which gathers the samples of frames.
     pub fn compositor(&self) -> Compositor {
-        self.recipe.options.compositor
+        self.parts.compositor
+    }
+
+    /// Whether the renderer can draw by `sorted` and by `raycast`.
+    pub fn switches(&self) -> bool {
+        self.other_parts.is_some()
+    }
+
+    /// Draws later frames by this compositor. Returns whether the renderer has it.
+    pub fn set_compositor(&mut self, compositor: Compositor) -> bool {
+        let Self { parts, other_parts, .. } = self;
+        if let Some(other) = other_parts.as_mut().filter(|other| other.compositor == compositor) {
+            std::mem::swap(parts, other);
+        }
+        parts.compositor == compositor
     }
 
     /// The adapter in use.
@@ -429,8 +468,8 @@ impl GpuRenderer {
     /// # Panics
     /// If there is no such layer.
     pub fn upload(&mut self, layer: usize, slot: Slot, codes: &[u8]) -> Result<(), GpuError> {
-        let Self { gpu, layers, pools, march, .. } = self;
-        gpu.scoped(|| pools[layers[layer].pool].upload(gpu, march.rays(), slot, codes))
+        let Self { gpu, layers, pools, parts, other_parts, .. } = self;
+        gpu.scoped(|| pools[layers[layer].pool].upload(gpu, rays_of(parts, other_parts), slot, codes))
     }
 
     /// Submits pending uploads, so that drawing submitted from now on never reads a slot's former contents.
@@ -461,14 +500,12 @@ impl GpuRenderer {
     }
 }
 
-impl March {
-    /// The buffers for rays; `None` for `sorted`.
-    pub(crate) fn rays(&self) -> Option<&RayBuffers> {
-        match self {
-            Self::Sorted(_) => None,
-            Self::Raycast(raycast) => Some(&raycast.buffers),
-        }
-    }
+/// The buffers for rays; `None` if neither compositor casts any.
+pub(crate) fn rays_of<'a>(
+    parts: &'a CompositorParts,
+    other_parts: &'a Option<CompositorParts>,
+) -> Option<&'a RayBuffers> {
+    parts.rays().or_else(|| other_parts.as_ref()?.rays())
 }
 
 pub(crate) fn check_size(

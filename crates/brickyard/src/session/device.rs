@@ -1,6 +1,8 @@
 //! The device of a session's backends, which use it in turn: an application's, or one opened by the first of them.
 
 #[cfg(feature = "gpu")]
+use crate::session::trial::Trial;
+#[cfg(feature = "gpu")]
 use brickyard_render::{Compiled, Gpu, GpuError};
 
 /// The device of a session's backends.
@@ -11,12 +13,15 @@ pub(crate) struct Device {
     /// The last backend's device and compiled objects.
     #[cfg(feature = "gpu")]
     left: Option<Compiled>,
+    /// Which compositor is faster on it.
+    #[cfg(feature = "gpu")]
+    pub(crate) trial: Trial,
 }
 
 impl Device {
     #[cfg(feature = "gpu")]
     pub(crate) fn lent(gpu: Gpu) -> Self {
-        Self { lent: Some(gpu), left: None }
+        Self { lent: Some(gpu), ..Self::default() }
     }
 
     pub(crate) fn is_lent(&self) -> bool {

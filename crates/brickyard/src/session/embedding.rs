@@ -7,10 +7,11 @@
 use crate::session::device::Device;
 use crate::session::frame::{Drawn, Frame};
 use crate::session::renderer::BackendError;
+use crate::session::resolve::ResolvedScene;
 use crate::session::shown_picture::ShownPicture;
 use crate::session::{Session, SessionError, SessionOptions, VolumeSource};
 use brickyard_render::wgpu::CommandEncoder;
-use brickyard_render::{Gpu, GpuRenderer, Target};
+use brickyard_render::{Compositor, Gpu, GpuRenderer, Target};
 use brickyard_volume::Picture;
 use std::ops::Range;
 use std::time::Duration;
@@ -103,6 +104,10 @@ impl Session {
             return Err(SessionError::Superseded);
         };
         fit.hear()?;
+        if rows.as_ref().is_none_or(|rows| rows.start == 0) {
+            self.choose_compositor(&frame.scene);
+        }
+        let Some(fit) = &mut self.fit else { return Err(SessionError::Superseded) };
         let lacks_layers = fit.lacks_layers();
         let is_prepared = fit.is_prepared(&frame.scene);
         if !is_prepared {
@@ -115,14 +120,61 @@ impl Session {
         if self.on_texture().is_some_and(|shown| shown.is_copy_of(frame)) && lacks_layers != Some(true) {
             return Ok(is_whole(lacks_layers));
         }
-        let Some(fit) = self.fit.as_mut().filter(|_| is_prepared) else { return Ok(Drawn::Nothing) };
+        if !is_prepared {
+            return Ok(Drawn::Nothing);
+        }
         self.shown = None;
-        if !fit.show(&frame.scene, rows, self.options.live)? {
+        if rows.is_none() && self.is_to_be_compared(frame) {
+            self.compare(&frame.scene)?;
+        }
+        let Some(fit) = &mut self.fit else { return Err(SessionError::Superseded) };
+        // Where `sorted` draws, which tells nothing, the pagers would wait for what `raycast` told of a scene before.
+        let may_sort = self.device.trial.winner() != Some(Compositor::Raycast);
+        let tells = self.options.live && !(may_sort && fit.backend.as_gpu().is_some_and(|gpu| gpu.switches()));
+        if !fit.show(&frame.scene, rows, tells)? {
             return Ok(Drawn::Partly);
         }
         let lacks_layers = fit.lacks_layers();
         self.shown = Some(ShownPicture { frame: frame.clone(), pixels: None });
         Ok(is_whole(lacks_layers))
+    }
+
+    /// Takes the times of pictures into the device's trial, and has a renderer with two compositors draw a scene by the
+    /// faster one: by `sorted` while that is unknown, and by `raycast` if `sorted` has no order for the scene.
+    fn choose_compositor(&mut self, scene: &ResolvedScene) {
+        let has_order = self.has_order(scene);
+        let Self { fit: Some(fit), device: Device { trial, .. }, .. } = self else { return };
+        let times_ms = std::mem::take(&mut fit.shown.times_ms);
+        let Some(gpu) = fit.backend.as_gpu().filter(|gpu| gpu.switches()) else { return };
+        let was_open = trial.winner().is_none();
+        times_ms.into_iter().for_each(|(picture, ms)| trial.hear(picture, ms));
+        let winner = trial.winner().unwrap_or(Compositor::Sorted);
+        gpu.set_compositor(if has_order { winner } else { Compositor::Raycast });
+        if was_open {
+            fit.backend_line.push_str(&trial.outcome());
+        }
+    }
+
+    /// Whether both compositors shall draw a frame: its bricks are all there, and the device's trial goes on.
+    fn is_to_be_compared(&self, Frame { scene, status, .. }: &Frame) -> bool {
+        let is_plain = scene.stereo.is_none() && scene.layers[0].frames[0].settings.meshes.is_empty();
+        let is_open = self.device.trial.winner().is_none();
+        is_plain && is_open && status.resident == status.wanted && self.has_order(scene)
+    }
+
+    /// Draws a scene by `raycast`, for its time alone: `sorted` draws it next.
+    fn compare(&mut self, scene: &ResolvedScene) -> Result<(), SessionError> {
+        let Self { fit: Some(fit), device: Device { trial, .. }, .. } = self else { return Ok(()) };
+        if fit.backend.as_gpu().is_some_and(|gpu| gpu.switches()) {
+            fit.show_by(Compositor::Raycast, scene)?.into_iter().for_each(|picture| trial.ask(picture));
+        }
+        Ok(())
+    }
+
+    /// Tries compositors on a software rasteriser, too: for tests.
+    #[doc(hidden)]
+    pub fn try_compositors(&mut self) {
+        self.device.trial.takes_software = true;
     }
 
     /// The frame that the session's own texture shows; `None` while it shows nothing.

@@ -20,19 +20,23 @@ pub(crate) fn open(
     &Pictures { size_px, has_expressions: expressions }: &Pictures,
     options: &SessionOptions,
 ) -> Result<(GpuRenderer, String), BackendError> {
+    let compiled = device.take();
+    let compares = options.live && options.compositor == CompositorChoice::Auto && device.is_lent();
+    let switches = compares && compiled.as_ref().is_some_and(|compiled| device.trial.is_of(compiled.adapter()));
     let compositor = match options.compositor {
+        CompositorChoice::Auto if switches => Compositor::Sorted,
         CompositorChoice::Auto => Compositor::default(),
         CompositorChoice::Sorted => Compositor::Sorted,
         CompositorChoice::Raycast => Compositor::Raycast,
         CompositorChoice::Compute => Compositor::Compute,
     };
     let skips_empty = options.skips_empty;
-    let gpu = GpuOptions { preference, compositor, skips_empty, expressions, ..GpuOptions::default() };
-    let renderer = match device.take() {
+    let gpu = GpuOptions { preference, compositor, switches, skips_empty, expressions, ..GpuOptions::default() };
+    let renderer = match compiled {
         Some(compiled) => GpuRenderer::on(compiled, &gpu, layers, options.gpu_memory_bytes, size_px)?,
         None => GpuRenderer::new(&gpu, layers, options.gpu_memory_bytes, size_px)?,
     };
-    let line = format!("gpu, {}{}", renderer.adapter(), refusal(&renderer));
+    let line = format!("gpu, {}{}{}", renderer.adapter(), refusal(&renderer), device.trial.outcome());
     Ok((renderer, line))
 }
 

@@ -5,7 +5,7 @@ use crate::session::fit::{Fit, Pool, drawn};
 use crate::session::renderer::BackendError;
 use crate::session::resolve::ResolvedScene;
 use brickyard_pager::DrawnCells;
-use brickyard_render::Answer;
+use brickyard_render::{Answer, Compositor};
 use std::collections::VecDeque;
 use std::ops::Range;
 
@@ -20,6 +20,8 @@ pub(crate) struct Shown {
     asked: VecDeque<Asked>,
     /// Milliseconds that a picture took on the GPU, by the last answer that says so; `None` before there is one.
     pub(crate) gpu_ms: Option<f64>,
+    /// The numbers of pictures and their times on the GPU, milliseconds, since they were last taken.
+    pub(crate) times_ms: Vec<(u64, f64)>,
     /// Answers held back, the oldest first: for tests.
     held_back: VecDeque<Vec<Answer>>,
     /// Number of steps for which answers are held back: for tests.
@@ -84,6 +86,34 @@ impl Fit {
         Ok(true)
     }
 
+    /// Draws a scene like [`Fit::show`], but by another compositor, and leaves it to be drawn over. Returns the picture's
+    /// number if its time will be known, and the next picture's number is one greater; `None`, and draws nothing, while
+    /// pipelines are compiled.
+    pub(crate) fn show_by(
+        &mut self,
+        compositor: Compositor,
+        scene: &ResolvedScene,
+    ) -> Result<Option<u64>, BackendError> {
+        let Self { layers: own, backend, shown, .. } = self;
+        let Some(gpu) = backend.as_gpu() else { return Ok(None) };
+        let (layers, combination, usual) = (drawn(own, scene, 0), scene.combination.as_ref(), gpu.compositor());
+        if !gpu.set_compositor(compositor) {
+            return Ok(None);
+        }
+        let is_prepared = gpu.is_prepared(&layers, combination);
+        let asked = match is_prepared {
+            true => gpu.show(&layers, combination, shown.pictures),
+            false => {
+                gpu.prepare(&layers, combination);
+                Ok(false)
+            }
+        };
+        gpu.set_compositor(usual);
+        let number = shown.pictures;
+        shown.pictures += u64::from(is_prepared);
+        Ok(asked?.then_some(number))
+    }
+
     /// Whether the picture shown last lacks layers of translucent meshes; `None` while that is not known.
     pub(crate) fn lacks_layers(&mut self) -> Option<bool> {
         self.backend.as_gpu().map_or(Some(false), |gpu| gpu.lacks_layers())
@@ -99,6 +129,7 @@ impl Fit {
         {
             for answer in answers {
                 self.shown.gpu_ms = answer.gpu_ms.or(self.shown.gpu_ms);
+                self.shown.times_ms.extend(answer.gpu_ms.map(|ms| (answer.picture, ms)));
                 if let Some(visibility) = &answer.visibility {
                     self.tell(answer.picture, visibility);
                 }
