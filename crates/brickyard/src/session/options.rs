@@ -17,7 +17,10 @@ pub enum BackendChoice {
 /// The choice of a compositor, which gathers samples into a picture.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum CompositorChoice {
-    /// The fastest compositor over all scenes by measurement: `raycast`, on the GPU and on the CPU.
+    /// `raycast`, the fastest by measurement on the CPU and on software rasterisers. A live session [on an application's
+    /// hardware GPU](crate::session::Session::on_gpu) with timestamps begins with `sorted`, draws a few of its first
+    /// frames by `raycast` as well, unseen, and keeps the faster one;
+    /// [`Session::backend_line`](crate::session::Session::backend_line) then names it.
     #[default]
     Auto,
     /// Bricks back to front, blended; GPU only.
