@@ -97,7 +97,7 @@ impl Exporting {
 
     /// Shows the progress, and a button to stop it.
     pub(crate) fn show(&self, ui: &mut Ui) {
-        if work_row::show(ui, ("exporting", &self.path), self.work.meter().progress(), true) {
+        if work_row::show(ui, "exporting", &self.path, self.work.meter().progress(), true) {
             self.work.meter().cancel();
         }
     }

@@ -104,11 +104,10 @@ pub fn run(openings: Openings, mut options: WindowOptions) -> Result<(), WindowE
     }
     let volumes = openings.volumes();
     let (state, keeper, problem) = first_state(&volumes, openings.paths(), &options).map_err(WindowError)?;
-    let WindowOptions { session, size, script, opened, stats, .. } = options;
-    let views = Views::new(volumes, session).map_err(|error| WindowError(error.to_string()))?;
+    let size = options.size;
+    let views = Views::new(volumes, options.session).map_err(|error| WindowError(error.to_string()))?;
     let recent = Recent::read(keeping::state_folder().map(|folder| folder.join("recent.json")));
-    let (kept, paced) = ((keeper, problem), (opened, stats));
-    let mut window = Window::new(state, views, (openings, recent), script, kept, paced);
+    let mut window = Window::new(state, views, openings, recent, keeper, problem, options);
     running::run(&mut window, size)?;
     window.failure().map_or(Ok(()), |failure| Err(WindowError(failure.into())))
 }

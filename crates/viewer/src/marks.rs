@@ -93,7 +93,7 @@ pub(crate) fn draw(picture: &mut Picture, scene: &Scene, volumes: &[VolumeSource
     let context = Context::default();
     let mut shown = context.run_ui(input, |ui| {
         let Some(lens) = Lens::new(ui.painter(), area, &camera, size_px) else { return };
-        overlay::show(&lens, &over.marks.overlays, (scene, &camera), volumes, &world);
+        overlay::show(&lens, &over.marks.overlays, scene, &camera, volumes, &world);
         if over.marks.distances {
             overlay::distances(&lens, &over.distances, world.unit);
         }

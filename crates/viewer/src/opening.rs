@@ -138,8 +138,8 @@ impl Openings {
         for item in &self.items {
             let (path, progress) = (item.path.as_path(), item.opening.progress());
             let is_stopped = match item.opening.activity() {
-                Activity::Reading => work_row::show(ui, ("reading", path), progress, item.volume.is_none()),
-                Activity::Packing => work_row::show(ui, ("packing", path), progress, true),
+                Activity::Reading => work_row::show(ui, "reading", path, progress, item.volume.is_none()),
+                Activity::Packing => work_row::show(ui, "packing", path, progress, true),
                 Activity::Waiting => work_row::show_waiting(ui, path),
                 Activity::Nothing => false,
             };

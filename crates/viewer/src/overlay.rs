@@ -117,7 +117,8 @@ impl Lens {
 pub(crate) fn show(
     lens: &Lens,
     overlays: &Overlays,
-    (scene, camera): (&Scene, &Camera),
+    scene: &Scene,
+    camera: &Camera,
     volumes: &[VolumeSource],
     world: &World<'_>,
 ) {

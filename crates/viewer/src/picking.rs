@@ -67,8 +67,8 @@ impl Picking {
 fn start() -> (Sender<Question>, Receiver<Option<Picked>>) {
     let (answer, answers) = channel();
     let mut picker = Picker::default();
-    let ask = answering(move |(place, volumes, egui): Question| {
-        if answer.send(look(&mut picker, &place, &volumes)).is_ok() {
+    let ask = answering(move |((scene, place_px), volumes, egui): Question| {
+        if answer.send(look(&mut picker, &scene, place_px, &volumes)).is_ok() {
             egui.request_repaint();
         }
     });
@@ -76,8 +76,8 @@ fn start() -> (Sender<Question>, Receiver<Option<Picked>>) {
 }
 
 /// The pick at a place. The picture reports unreadable bricks; here they yield nothing.
-fn look(picker: &mut Picker, (scene, place_px): &Place, volumes: &[VolumeSource]) -> Option<Picked> {
-    let pick = picker.pick(scene, volumes, *place_px);
+fn look(picker: &mut Picker, scene: &ResolvedScene, place_px: [f64; 2], volumes: &[VolumeSource]) -> Option<Picked> {
+    let pick = picker.pick(scene, volumes, place_px);
     let pick = pick.inspect_err(|error| tracing::debug!("nothing can be picked: {error}")).ok()??;
     let first = pick.values.first();
     let label = first.and_then(|values| {
@@ -86,12 +86,12 @@ fn look(picker: &mut Picker, (scene, place_px): &Place, volumes: &[VolumeSource]
         let is_label = volumes.get(values.volume)?.source.is_labels();
         (is_label && !value.is_nan()).then_some(value as i64)
     });
-    let words = words(&pick, volumes, (scene.world_box, scene.is_anatomical));
+    let words = words(&pick, volumes, scene.world_box, scene.is_anatomical);
     Some(Picked { pick, label, words })
 }
 
 /// A pick in words: the place in the world, and each volume's voxel and values, in order. A voxel equal to the previous one is not repeated.
-fn words(pick: &Pick, volumes: &[VolumeSource], ((low, high), is_anatomical): ((DVec3, DVec3), bool)) -> ReadOut {
+fn words(pick: &Pick, volumes: &[VolumeSource], (low, high): (DVec3, DVec3), is_anatomical: bool) -> ReadOut {
     let size = (high - low).max_element();
     let [x, y, z] = pick.point.to_array().map(|at| within_span(at, size));
     let place = format!("at {x}, {y}, {z} {}", unit(volumes, is_anatomical)).trim_end().to_string();
@@ -140,7 +140,7 @@ mod tests {
         let point = DVec3::new(3.123_456, 4.0, -5.5);
         let pick =
             Pick { point, distance: 1.0, layer: 1, values: vec![values(1, &[7.0]), values(0, &[21.0, f64::NAN])] };
-        let words = words(&pick, &volumes, ((DVec3::ZERO, DVec3::splat(30.0)), false));
+        let words = words(&pick, &volumes, (DVec3::ZERO, DVec3::splat(30.0)), false);
         assert_eq!(words.all(), "at 3.12, 4, -5.5 mm  voxel 3, 4, 5: scan 21 no data  a_very_l\u{2026}_nuclei 7");
     }
 }

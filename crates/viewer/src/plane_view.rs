@@ -24,15 +24,19 @@ use serde_json::json;
 const POINTS_A_SLICE: f32 = 24.0;
 
 /// A slice in the window.
-#[derive(Default)]
 pub(crate) struct PlaneView {
+    axis: usize,
     pub(crate) picking: Picking,
     /// Finger motion towards the next slice, in points.
     rolled: f32,
 }
 
 impl PlaneView {
-    /// Shows the slice across an axis of a grid in the rest of `ui`, and turns the pointer's actions into commands.
+    pub(crate) fn across(axis: usize) -> Self {
+        Self { axis, picking: Picking::default(), rolled: 0.0 }
+    }
+
+    /// Shows the slice of a grid in the rest of `ui`, and turns the pointer's actions into commands.
     ///
     /// # Errors
     /// If the picture cannot be advanced; it stays as it was.
@@ -40,17 +44,18 @@ impl PlaneView {
         &mut self,
         ui: &mut Ui,
         canvas: &mut Canvas,
-        (grid, axis): (&Grid, usize),
-        (seen, measuring): (&Seen<'_>, &mut Measuring),
+        grid: &Grid,
+        seen: &Seen<'_>,
+        measuring: &mut Measuring,
         commands: &mut Vec<Command>,
     ) -> Result<(), SessionError> {
-        let planes = &seen.state.window.planes;
+        let (axis, planes) = (self.axis, &seen.state.window.planes);
         let (size_px, shown) = whole_pixels(ui);
         let point = grid.crosshair(planes);
         let slice = grid.slice(axis, point, planes.thickness);
         let camera = grid.camera(axis, &slice, planes.cameras[axis], size_px);
         let filter = filter(grid, planes.filter, &camera, size_px.1);
-        let scene = slice_scene(&seen.state.scene, seen.volumes, (slice, camera), filter, planes);
+        let scene = slice_scene(&seen.state.scene, seen.volumes, slice, camera, filter, planes);
         let drawn = canvas.show(&scene, size_px);
         let (area, response) = ui.allocate_exact_size(shown, Sense::click_and_drag());
         ui.painter().rect_filled(area, 0.0, Color32::BLACK);

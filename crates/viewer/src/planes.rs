@@ -137,7 +137,8 @@ fn dominant(vector: DVec3) -> usize {
 pub(crate) fn slice_scene(
     scene: &Scene,
     volumes: &[VolumeSource],
-    (slice, camera): (Slice, Camera),
+    slice: Slice,
+    camera: Camera,
     filter: Filter,
     planes: &Planes,
 ) -> Scene {
@@ -277,7 +278,7 @@ mod tests {
         let scene =
             Scene { layers: vec![preset, SceneLayer { source: Some(0), ..SceneLayer::default() }], ..Scene::default() };
         let windows = |planes: &Planes| -> Vec<_> {
-            let scene = slice_scene(&scene, &volumes, (slice, camera), Filter::Nearest, planes);
+            let scene = slice_scene(&scene, &volumes, slice, camera, Filter::Nearest, planes);
             scene.layers.iter().map(|layer| layer.window).collect()
         };
         // The preset spans 150 to 1600 in the panel, on the colour bar, and here.

@@ -55,7 +55,7 @@ pub(crate) struct CurveReader {
 
 impl CurveReader {
     /// Reads another voxel of a volume, given with its index, unless that is being read. The window is repainted as values arrive.
-    pub(crate) fn read(&mut self, egui: &egui::Context, (index, volume): (usize, &VolumeSource), voxel: [u32; 3]) {
+    pub(crate) fn read(&mut self, egui: &egui::Context, index: usize, volume: &VolumeSource, voxel: [u32; 3]) {
         let is_same = |(of, curve): &(VolumeSource, Shared)| {
             let curve = locked(curve);
             Arc::ptr_eq(&of.source, &volume.source) && (curve.volume, curve.voxel) == (index, voxel)
@@ -66,7 +66,8 @@ impl CurveReader {
         let steps = vec![Vec::new(); volume.source.times() as usize];
         let curve = Shared::new(Mutex::new(ValueCurve { volume: index, voxel, steps }));
         let question = (curve.clone(), volume.clone(), egui.clone());
-        if self.thread.get_or_insert_with(|| answering(read)).send(question).is_ok() {
+        let start = || answering(|(curve, volume, egui): Question| read(&curve, &volume, &egui));
+        if self.thread.get_or_insert_with(start).send(question).is_ok() {
             self.read = Some((volume.clone(), curve));
         }
     }
@@ -84,18 +85,18 @@ impl CurveReader {
 }
 
 /// Reads a curve until nobody shows it any more.
-fn read((curve, volume, egui): Question) {
+fn read(curve: &Shared, volume: &VolumeSource, egui: &egui::Context) {
     let (voxel, steps) = {
-        let curve = locked(&curve);
+        let curve = locked(curve);
         (curve.voxel, curve.steps.len() as u32)
     };
     for step in coarse_to_fine(steps) {
-        if Arc::strong_count(&curve) == 1 {
+        if Arc::strong_count(curve) == 1 {
             return;
         }
-        let probe = probe_voxel(&volume, step, voxel);
+        let probe = probe_voxel(volume, step, voxel);
         match probe.inspect_err(|error| tracing::debug!("a curve has no value at step {step}: {error}")) {
-            Ok(probe) => locked(&curve).steps[step as usize] = probe.values,
+            Ok(probe) => locked(curve).steps[step as usize] = probe.values,
             Err(_) => continue,
         }
         egui.request_repaint();
@@ -130,7 +131,7 @@ mod tests {
         let (mut reader, volumes) = (CurveReader::default(), fixture::volumes());
         assert_eq!(reader.curve(&volumes), None);
         for x in 0..5 {
-            reader.read(&egui::Context::default(), (1, &volumes[1]), [x, 0, 0]);
+            reader.read(&egui::Context::default(), 1, &volumes[1], [x, 0, 0]);
         }
         let expected = ValueCurve { volume: 1, voxel: [4, 0, 0], steps: vec![vec![7.0; 2]; 3] };
         let begun = Instant::now();

@@ -80,7 +80,8 @@ impl VolumeView {
         &mut self,
         ui: &mut Ui,
         canvas: &mut Canvas,
-        (seen, measuring): (&Seen<'_>, &mut Measuring),
+        seen: &Seen<'_>,
+        measuring: &mut Measuring,
         commands: &mut Vec<Command>,
     ) -> Result<(), SessionError> {
         let (size_px, shown) = whole_pixels(ui);
@@ -93,12 +94,12 @@ impl VolumeView {
         // The picture may be of the previous camera: marks lie on the picture, and the pointer touches it.
         let shown = canvas.camera().unwrap_or(camera);
         let Some(lens) = Lens::new(ui.painter(), area, &shown, size_px) else { return drawn };
-        self.decorate((&lens, &shown), canvas, (seen, &*measuring), response.hover_pos());
+        self.decorate(&lens, &shown, canvas, seen, measuring, response.hover_pos());
         if self.hold.is_none() {
             self.picking.look(canvas, &lens, &response);
         }
         commands.extend(self.dragged(&lens, seen, &response));
-        commands.extend(self.clicked(&lens, (seen, measuring), &response));
+        commands.extend(self.clicked(&lens, seen, measuring, &response));
         if response.hovered() {
             commands.extend(scrolled(ui, &lens));
         }
@@ -111,9 +112,11 @@ impl VolumeView {
     /// Draws over a picture of this camera.
     fn decorate(
         &self,
-        (lens, camera): (&Lens, &Camera),
+        lens: &Lens,
+        camera: &Camera,
         canvas: &Canvas,
-        (seen, measuring): (&Seen<'_>, &Measuring),
+        seen: &Seen<'_>,
+        measuring: &Measuring,
         pointer: Option<Pos2>,
     ) {
         let (scene, window) = (&seen.state.scene, &seen.state.window);
@@ -121,9 +124,9 @@ impl VolumeView {
         if window.overlays.bricks {
             bricks::show(lens, scene, seen.volumes, &canvas.draw_lists());
         }
-        overlay::show(lens, &window.overlays, (scene, camera), seen.volumes, world);
+        overlay::show(lens, &window.overlays, scene, camera, seen.volumes, world);
         overlay::distances(lens, &window.distances, world.unit);
-        measuring.show(lens, self.end(lens, (seen, measuring), pointer), world.unit);
+        measuring.show(lens, self.end(lens, seen, measuring, pointer), world.unit);
         if window.overlays.clip_handles {
             let near = self.hold.or_else(|| pointer.and_then(|pointer| handle(lens, scene, world, pointer)));
             let (face, plane) = match near {
@@ -195,17 +198,12 @@ impl VolumeView {
     }
 
     /// The place under the pointer where a distance would start or end.
-    fn end(&self, lens: &Lens, (seen, measuring): (&Seen<'_>, &Measuring), pointer: Option<Pos2>) -> Option<DVec3> {
+    fn end(&self, lens: &Lens, seen: &Seen<'_>, measuring: &Measuring, pointer: Option<Pos2>) -> Option<DVec3> {
         let place_px = pointer.map(|pointer| lens.pixel(pointer));
         measuring::end(&seen.state.scene, &lens.rays, measuring.from(), place_px, self.point())
     }
 
-    fn clicked(
-        &self,
-        lens: &Lens,
-        (seen, measuring): (&Seen<'_>, &mut Measuring),
-        response: &Response,
-    ) -> Option<Command> {
+    fn clicked(&self, lens: &Lens, seen: &Seen<'_>, measuring: &mut Measuring, response: &Response) -> Option<Command> {
         if response.clicked() && response.ctx.input(|input| input.modifiers.alt) {
             return isolation(seen, &self.picking);
         }
@@ -214,7 +212,7 @@ impl VolumeView {
             Tool::Distance if response.clicked() => {
                 // The mark of the first click appears in the next frame, which nothing else may request.
                 response.ctx.request_repaint();
-                let place = self.end(lens, (seen, &*measuring), response.interact_pointer_pos())?;
+                let place = self.end(lens, seen, measuring, response.interact_pointer_pos())?;
                 measuring.click(place, seen.state)
             }
             _ => None,

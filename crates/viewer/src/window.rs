@@ -33,7 +33,7 @@ use crate::value_curve::{CurveReader, ValueCurve};
 use crate::views::Views;
 use crate::volume_view::{Seen, VolumeView};
 use crate::window::files::Next;
-use crate::{clicks::Clicks, keys, work_row};
+use crate::{WindowOptions, clicks::Clicks, keys, work_row};
 use brickyard::overlay::{World, unit};
 use brickyard::session::{SessionError, VolumeSource};
 use brickyard::unlike_sizes::unlike_sizes;
@@ -111,11 +111,13 @@ impl Window {
     pub(crate) fn new(
         state: State,
         views: Views,
-        (openings, mut recent): (Openings, Recent),
-        script: Script,
-        (keeper, message): (Keeper, Option<String>),
-        (opened, stats): (Instant, Option<PathBuf>),
+        openings: Openings,
+        mut recent: Recent,
+        keeper: Keeper,
+        message: Option<String>,
+        options: WindowOptions,
     ) -> Self {
+        let WindowOptions { script, opened, stats, .. } = options;
         // A window that plays a script leaves no trace.
         let paths = if script.is_over() { openings.paths() } else { Vec::new() };
         let noted = paths.iter().try_for_each(|path| recent.add(path));
@@ -135,7 +137,7 @@ impl Window {
             history: History::default(),
             views,
             volume_view: VolumeView::default(),
-            plane_views: Default::default(),
+            plane_views: [0, 1, 2].map(PlaneView::across),
             measuring: Measuring::default(),
             curves: CurveReader::default(),
             pointed: None,
@@ -237,7 +239,7 @@ impl Window {
             Command::SavePicture(path, form) => {
                 let marks = form.marks.unwrap_or(Marks::shown(&self.state.window));
                 let over = Over { marks, distances: self.state.window.distances.clone() };
-                self.views.main.capture(self.state.scene.clone(), form.size_px, (path.clone(), over));
+                self.views.main.capture(self.state.scene.clone(), form.size_px, path.clone(), over);
             }
             Command::Screenshot(path) => self.screenshots.take(path.clone(), egui),
             Command::Click(place) => self.clicks.add(*place),
@@ -328,7 +330,7 @@ impl Window {
         let seen = Seen { state: &self.state, volumes: &volumes, world };
         let grid = Grid::of(&self.state.scene, &volumes).filter(|_| self.state.window.layout == Layout::Planes);
         let Some(grid) = grid else {
-            return self.volume_view.show(ui, &mut self.views.main, (&seen, measuring), commands);
+            return self.volume_view.show(ui, &mut self.views.main, &seen, measuring, commands);
         };
         // Across z, then the volume; across y and x below.
         let [upper_left, upper_right, lower_left, lower_right] = quarters(ui.max_rect());
@@ -336,11 +338,11 @@ impl Window {
         for (axis, area) in [(2, upper_left), (1, lower_left), (0, lower_right)] {
             let mut part = ui.new_child(UiBuilder::new().max_rect(area).id_salt(axis));
             let canvas = &mut self.views.planes[axis];
-            let drawn = self.plane_views[axis].show(&mut part, canvas, (&grid, axis), (&seen, measuring), commands);
+            let drawn = self.plane_views[axis].show(&mut part, canvas, &grid, &seen, measuring, commands);
             shown = shown.and(drawn);
         }
         let mut part = ui.new_child(UiBuilder::new().max_rect(upper_right).id_salt("volume"));
-        shown.and(self.volume_view.show(&mut part, &mut self.views.main, (&seen, measuring), commands))
+        shown.and(self.volume_view.show(&mut part, &mut self.views.main, &seen, measuring, commands))
     }
 
     fn picked_label(&self) -> Option<i64> {
@@ -369,7 +371,7 @@ impl Window {
             && let Some(volume) = self.views.volumes().get(index)
             && voxel.iter().zip(volume.source.pyramid().levels()[0].extent.to_array()).all(|(at, count)| *at < count)
         {
-            self.curves.read(egui, (index, volume), voxel);
+            self.curves.read(egui, index, volume, voxel);
         }
         self.curves.curve(self.views.volumes())
     }
@@ -437,7 +439,7 @@ impl Window {
         let picked = self.picked().map(|picked| picked.words.clone());
         let (views, messages) = (Some(&self.views).filter(|_| has_volumes), &mut self.messages);
         let status = egui::Panel::bottom("status");
-        let is_long = status.show(ui, |ui| panels::status::show(ui, views, (messages, picked.as_ref()))).inner;
+        let is_long = status.show(ui, |ui| panels::status::show(ui, views, messages, picked.as_ref())).inner;
         let has_steps = has_volumes && VolumeSource::timeline(self.views.volumes(), &state.scene).steps() > 1;
         let room = has_steps
             .then(|| egui::Panel::bottom("playing").show(ui, |ui| panels::playing::room(ui, &state.window.play)).inner);
@@ -457,7 +459,7 @@ impl Window {
         let (seen, coming) = (main.step_seen(), main.coming());
         let steps = panels::playing::Steps { timeline: &timeline, seen, coming, curve: curve.as_ref() };
         let mut row = ui.new_child(UiBuilder::new().max_rect(room).id_salt("playing"));
-        panels::playing::show(&mut row, (&mut state.scene.time, &mut state.window.play), &steps);
+        panels::playing::show(&mut row, &mut state.scene.time, &mut state.window.play, &steps);
     }
 
     /// Shows rows over the lower end of the pictures, in the free room of `ui`: files being read or written, and any problem too long for a line.
@@ -481,7 +483,7 @@ impl Window {
                 self.exporting.iter().for_each(|exporting| exporting.show(ui));
                 self.saving.iter().for_each(|saving| work_row::show_writing(ui, saving.path()));
                 if let Some((path, share)) = capturing {
-                    is_given_up = work_row::show_share(ui, ("drawing", path), share);
+                    is_given_up = work_row::show_share(ui, "drawing", path, share);
                 }
                 if has_problem {
                     panels::status::problem(ui, &mut self.messages, TextWrapMode::Wrap);
@@ -501,7 +503,7 @@ impl Window {
         egui::Panel::left("scene").default_size(324.0).max_size(most).show(ui, |ui| {
             panels::widgets::within(ui, |ui| {
                 let is_playing = state.window.play.on;
-                panels::view::show(ui, &mut state.scene, (self.views.volumes(), is_playing), commands);
+                panels::view::show(ui, &mut state.scene, self.views.volumes(), is_playing, commands);
                 ui.separator();
                 panels::layers::show(ui, &mut state.scene, self.views.volumes(), self.picked_label(), &mut saved);
                 panels::slices::show(ui, &mut state.window, &state.scene, self.views.volumes());

@@ -8,13 +8,13 @@ use std::path::Path;
 const LONGEST: usize = 32;
 
 /// Shows progress in bytes of a file. Returns whether to stop the work.
-pub(crate) fn show(ui: &mut Ui, (what, path): (&str, &Path), (done, total): (u64, u64), can_stop: bool) -> bool {
+pub(crate) fn show(ui: &mut Ui, what: &str, path: &Path, (done, total): (u64, u64), can_stop: bool) -> bool {
     let share = if total == 0 { 0.0 } else { done as f32 / total as f32 };
     row(ui, share, format!("{what} {}: {} of {} MiB", name(path), done >> 20, total.div_ceil(1 << 20)), can_stop)
 }
 
 /// Shows progress as a share of a file. Returns whether to stop the work.
-pub(crate) fn show_share(ui: &mut Ui, (what, path): (&str, &Path), share: f64) -> bool {
+pub(crate) fn show_share(ui: &mut Ui, what: &str, path: &Path, share: f64) -> bool {
     row(ui, share as f32, format!("{what} {}: {:.0} %", name(path), 100.0 * share), true)
 }
 

@@ -107,7 +107,8 @@ impl Order {
 /// Streams until a scene's picture is final, and draws its rest.
 fn capture(
     session: &mut Session,
-    (scene, made): (&Scene, &Made),
+    scene: &Scene,
+    made: &Made,
     size_px: (u32, u32),
     painting: &Arc<Painting>,
 ) -> Result<Done, SessionError> {
@@ -127,7 +128,7 @@ fn capture(
                 session.paint(&frame, painting)?;
             }
             (true, _) => {
-                let picture = capture::go_on(session, &frame, (scene, made), painting)?;
+                let picture = capture::go_on(session, &frame, scene, made, painting)?;
                 return Ok(Done::Capture(picture, Box::new(frame)));
             }
         }
@@ -175,7 +176,8 @@ impl Canvas {
     /// If no thread can be started.
     pub(super) fn capture_beside(
         &mut self,
-        (scene, made): (Scene, Arc<Made>),
+        scene: Scene,
+        made: Arc<Made>,
         size_px: (u32, u32),
     ) -> Result<(), SessionError> {
         match &self.drawing {
@@ -188,7 +190,7 @@ impl Canvas {
         }
         let painting = Painting::new(size_px, eyes(&scene));
         self.leave(Task::Capture, painting, move |engine, stage| {
-            capture(&mut engine.session, (&scene, &made), size_px, &stage.painting)
+            capture(&mut engine.session, &scene, &made, size_px, &stage.painting)
         })
     }
 

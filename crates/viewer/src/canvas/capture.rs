@@ -29,7 +29,8 @@ pub(super) struct Capture {
 pub(super) fn go_on(
     session: &mut Session,
     frame: &Frame,
-    (scene, made): (&Scene, &Made),
+    scene: &Scene,
+    made: &Made,
     painting: &Arc<Painting>,
 ) -> Result<Picture, SessionError> {
     let samples = scene.pixel_samples;
@@ -57,7 +58,7 @@ pub(crate) struct Captured {
 
 impl Canvas {
     /// Requests a picture of a scene; `None` is the shown size.
-    pub(crate) fn capture(&mut self, scene: Scene, size_px: Option<(u32, u32)>, (path, over): (PathBuf, Over)) {
+    pub(crate) fn capture(&mut self, scene: Scene, size_px: Option<(u32, u32)>, path: PathBuf, over: Over) {
         let (asked, made) = (Instant::now(), Arc::default());
         self.captures.push_back(Capture { scene, size_px, path, over, asked, made, drawn: None });
     }
@@ -121,10 +122,10 @@ impl Canvas {
         }
         let made = capture.made.clone();
         if self.gpu.is_none() {
-            return self.capture_beside((scene.clone(), made), size_px).map(|()| None);
+            return self.capture_beside(scene.clone(), made, size_px).map(|()| None);
         }
         match self.go_on_in_parts()? {
-            CapturePart::Step => self.step_to_capture((scene, made), size_px),
+            CapturePart::Step => self.step_to_capture(scene, made, size_px),
             CapturePart::Partly => Ok(None),
             CapturePart::Whole(picture, frame) => Ok(Some((picture, *frame))),
         }

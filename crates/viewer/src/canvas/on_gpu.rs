@@ -188,7 +188,8 @@ impl Canvas {
     /// If it cannot be drawn.
     pub(super) fn step_to_capture(
         &mut self,
-        (scene, made): (&Scene, Arc<Made>),
+        scene: &Scene,
+        made: Arc<Made>,
         size_px: (u32, u32),
     ) -> Result<Option<(Picture, Frame)>, SessionError> {
         let Some(engine) = &mut self.engine else { return Ok(None) };
@@ -204,7 +205,7 @@ impl Canvas {
             let pixels = |(width, height): (u32, u32)| f64::from(width) * f64::from(height);
             let shown = self.shown.as_ref().map_or(size_px, |shown| shown.of.size_px);
             let share = self.parts.fitting * (pixels(shown) / pixels(size_px)).min(1.0);
-            self.parts.saved = Some(GpuCapture::new(frame, (samples, made), share, self.between));
+            self.parts.saved = Some(GpuCapture::new(frame, samples, made, share, self.between));
             return Ok(None);
         }
         let picture = match samples {

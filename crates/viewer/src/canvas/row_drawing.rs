@@ -60,7 +60,7 @@ pub(super) enum CapturePart {
 
 impl GpuCapture {
     /// The remaining samples of a frame's picture. A `share` of a sample should suit a part; frames of the window take `between`.
-    pub(super) fn new(frame: Frame, (samples, made): (PixelSamples, Arc<Made>), share: f64, between: Duration) -> Self {
+    pub(super) fn new(frame: Frame, samples: PixelSamples, made: Arc<Made>, share: f64, between: Duration) -> Self {
         if frame.status.settled {
             made.keep_for(&frame);
         }

@@ -77,14 +77,14 @@ pub(crate) fn menu(
         Some(TransferChoice::File(file)) => file.path.file_name().unwrap_or_default().to_string_lossy().into_owned(),
     };
     let width = ui.available_width();
-    let button = entry(ui, width, Role::ComboBox, (&name, &name), whole(shown));
+    let button = entry(ui, width, Role::ComboBox, &name, &name, whole(shown));
     let button = button.labelled_by(label).on_hover_text("how values become colours and opacities");
     let mut chosen = None;
     Popup::menu(&button).show(|ui| {
         for preset in TransferFunction::PRESETS {
             let Ok(function) = TransferFunction::preset(preset, (0.0, 1.0), 1.0) else { continue };
             let hint = HINTS.iter().find(|(known, _)| *known == preset).map_or("", |(_, hint)| *hint);
-            let row = entry(ui, 200.0, Role::Button, (preset, &name), whole(&function));
+            let row = entry(ui, 200.0, Role::Button, preset, &name, whole(&function));
             if row.on_hover_text(hint).clicked() {
                 chosen = Some((preset != "gray").then(|| TransferChoice::preset(preset)));
             }
@@ -94,13 +94,7 @@ pub(crate) fn menu(
 }
 
 /// Shows a clickable line with a strip and a name, marked if selected.
-fn entry(
-    ui: &mut Ui,
-    width: f32,
-    kind: Role,
-    (name, selected): (&str, &str),
-    color: impl Fn(f64) -> Color32,
-) -> Response {
+fn entry(ui: &mut Ui, width: f32, kind: Role, name: &str, selected: &str, color: impl Fn(f64) -> Color32) -> Response {
     let (area, response) = ui.allocate_exact_size(vec2(width, ui.spacing().interact_size.y), Sense::click());
     let is_selected = name == selected && kind == Role::Button;
     response.widget_info(|| match kind {

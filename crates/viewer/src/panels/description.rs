@@ -117,7 +117,7 @@ impl Description {
         });
         let choices = UNITS.map(|unit| (unit.0, unit.1, ""));
         let known = UNITS.iter().find(|(name, _)| *name == self.unit).map_or("", |(name, _)| *name);
-        if let Some(unit) = menu(ui, "unit", "the unit of voxel size and coordinates", (known, &choices), |_| None) {
+        if let Some(unit) = menu(ui, "unit", "the unit of voxel size and coordinates", known, &choices, |_| None) {
             self.unit = unit.into();
         }
     }

@@ -82,7 +82,8 @@ impl Dialog {
         &mut self,
         egui: &egui::Context,
         shown_px: (u32, u32),
-        (scene, volumes): (&Scene, &[VolumeSource]),
+        scene: &Scene,
+        volumes: &[VolumeSource],
     ) -> (bool, Option<Command>) {
         let title = match self.kind {
             DialogKind::Open(Placing::Instead) => "Open",
@@ -238,7 +239,7 @@ mod tests {
         dialog.path = folder.join(&dialog.path).display().to_string();
         let shown = Shown { dialog, stays: true, command: None };
         let show = move |ui: &mut Ui, shown: &mut Shown| {
-            let (stays, command) = shown.dialog.show(ui.ctx(), (300, 200), (&scene, &volumes));
+            let (stays, command) = shown.dialog.show(ui.ctx(), (300, 200), &scene, &volumes);
             shown.stays &= stays;
             shown.command = command.or(shown.command.take());
         };

@@ -45,7 +45,7 @@ pub(crate) fn show(
             let asked = line(ui, scene, volumes, layer, &mut open[layer]);
             change = change.or(asked.map(|asked| (layer, asked)));
             if open[layer] {
-                body(ui, scene, volumes, (layer, picked), saved);
+                body(ui, scene, volumes, layer, picked, saved);
                 ui.separator();
             }
         });
@@ -186,7 +186,8 @@ fn body(
     ui: &mut Ui,
     scene: &mut Scene,
     volumes: &[VolumeSource],
-    (layer, picked): (usize, Option<i64>),
+    layer: usize,
+    picked: Option<i64>,
     saved: &mut Vec<SavedFunction>,
 ) {
     let Some(volume) = volumes.get(scene.store(layer)) else {

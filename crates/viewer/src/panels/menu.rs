@@ -21,7 +21,7 @@ pub(crate) struct Subject<'a> {
 }
 
 /// Shows an entry with its shortcut key, and takes its command.
-fn entry(ui: &mut Ui, can: bool, (text, effect): (&str, &str), command: Command, commands: &mut Vec<Command>) {
+fn entry(ui: &mut Ui, can: bool, text: &str, effect: &str, command: Command, commands: &mut Vec<Command>) {
     let entry = Button::new(text).shortcut_text(keys::shown(ui.ctx(), effect));
     if ui.add_enabled(can, entry).clicked() {
         commands.push(command);
@@ -38,8 +38,8 @@ pub(crate) fn show(ui: &mut Ui, state: &mut State, subject: Subject<'_>, command
     MenuBar::new().ui(ui, |ui| {
         ui.menu_button("File", |ui| files(ui, subject, commands));
         ui.menu_button("Edit", |ui| {
-            entry(ui, can_undo, ("Undo", "undo"), Command::Undo, commands);
-            entry(ui, can_redo, ("Redo", "redo"), Command::Redo, commands);
+            entry(ui, can_undo, "Undo", "undo", Command::Undo, commands);
+            entry(ui, can_redo, "Redo", "redo", Command::Redo, commands);
             if ui.add_enabled(!state.window.distances.is_empty(), Button::new("Remove distances")).clicked() {
                 state.window.distances.clear();
             }
@@ -84,9 +84,9 @@ fn files(ui: &mut Ui, subject: Subject<'_>, commands: &mut Vec<Command>) {
     ui.add_enabled_ui(has_volumes, |ui| {
         let picture = format!("Save picture ({PICTURE_FILE})");
         let save_picture = Command::SavePicture(PICTURE_FILE.into(), PictureForm::default());
-        entry(ui, true, (&picture, "save the picture"), save_picture, commands);
+        entry(ui, true, &picture, "save the picture", save_picture, commands);
         let scene = format!("Save scene ({SCENE_FILE})");
-        entry(ui, true, (&scene, "save the scene"), Command::SaveScene(SCENE_FILE.into()), commands);
+        entry(ui, true, &scene, "save the scene", Command::SaveScene(SCENE_FILE.into()), commands);
         for (text, kind) in [
             ("Save picture...", DialogKind::SavePicture),
             ("Save scene as...", DialogKind::SaveScene),
@@ -98,7 +98,7 @@ fn files(ui: &mut Ui, subject: Subject<'_>, commands: &mut Vec<Command>) {
         }
     });
     ui.separator();
-    entry(ui, true, ("Quit", "quit"), Command::Quit, commands);
+    entry(ui, true, "Quit", "quit", Command::Quit, commands);
 }
 
 fn view(ui: &mut Ui, state: &mut State, is_patient: bool) {

@@ -51,7 +51,7 @@ fn height(play: &Play) -> f32 {
 }
 
 /// Shows the row of a timeline of several steps, and edits the requested step and the playback.
-pub(crate) fn show(ui: &mut Ui, (time, play): (&mut u32, &mut Play), steps: &Steps<'_>) {
+pub(crate) fn show(ui: &mut Ui, time: &mut u32, play: &mut Play, steps: &Steps<'_>) {
     let height = height(play);
     ui.allocate_ui_with_layout(vec2(ui.available_width(), height), Layout::left_to_right(Align::Center), |ui| {
         let (name, hint) =
@@ -72,7 +72,7 @@ pub(crate) fn show(ui: &mut Ui, (time, play): (&mut u32, &mut Play), steps: &Ste
 
 fn how(ui: &mut Ui, play: &mut Play) {
     ui.set_width(240.0);
-    slider(ui, "rate", "time steps a second", &mut play.steps_per_second, (Scale::Log, RATES, "/s"));
+    slider(ui, "rate", "time steps a second", &mut play.steps_per_second, Scale::Log, RATES, "/s");
     switch(ui, "backward", "from later steps to earlier ones", &mut play.backward);
     ui.separator();
     for (ending, name, hint) in ENDINGS {
@@ -194,7 +194,7 @@ mod tests {
         };
         let show = move |ui: &mut Ui, (time, play): &mut (u32, Play)| {
             let curve = Some(&curve).filter(|_| play.curve);
-            show(ui, (time, play), &Steps { timeline: &timeline, seen: None, coming: &coming, curve });
+            show(ui, time, play, &Steps { timeline: &timeline, seen: None, coming: &coming, curve });
         };
         Harness::builder().with_size(vec2(700.0, 300.0)).build_ui_state(show, (7, Play::default()))
     }

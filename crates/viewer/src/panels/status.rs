@@ -26,24 +26,21 @@ const LOST: &str = "This projection is drawn at a coarse level, whose voxels lac
 const PAST_CUTS: &str = "This projection is drawn at a coarse level. Its voxels at a cut hold the extremes of both \
                          sides: values up to one voxel behind the cut may show. Level 0 (sampling: level) cuts exactly.";
 
-/// The texts on the line's left: the messages, and the read-out under the pointer.
-type Texts<'a> = (&'a mut Messages, Option<&'a ReadOut>);
-
 /// Shows the progress of the pictures; `None` for an empty window. It is always one line: another height would change the picture's size and cause a
 /// redraw. Returns whether the problem is too long for it, and has to be shown elsewhere.
-pub(crate) fn show(ui: &mut Ui, views: Option<&Views>, texts: Texts<'_>) -> bool {
+pub(crate) fn show(ui: &mut Ui, views: Option<&Views>, messages: &mut Messages, picked: Option<&ReadOut>) -> bool {
     let line =
         ui.allocate_ui_with_layout(vec2(ui.available_width(), HEIGHT), Layout::right_to_left(Align::Center), |ui| {
             if let Some(views) = views {
                 progress(ui, views);
             }
-            ui.with_layout(Layout::left_to_right(Align::Center), |ui| left(ui, texts)).inner
+            ui.with_layout(Layout::left_to_right(Align::Center), |ui| left(ui, messages, picked)).inner
         });
     line.inner
 }
 
 /// Shows the texts on the line's left. The pointer does not affect a problem's place.
-fn left(ui: &mut Ui, (messages, picked): Texts<'_>) -> bool {
+fn left(ui: &mut Ui, messages: &mut Messages, picked: Option<&ReadOut>) -> bool {
     let most = MOST_OF_PROBLEM * ui.available_width();
     let is_long = |text: &str| width(ui, &one_line(text), TextStyle::Body) + DISMISS >= most;
     let is_long = messages.problem().is_some_and(is_long);
@@ -159,7 +156,7 @@ mod tests {
         messages.say(About::Work, problem);
         note.into_iter().for_each(|note| messages.notice(note.into()));
         let show = |ui: &mut Ui, (messages, is_long): &mut (Messages, bool)| {
-            *is_long = show(ui, None, (messages, Some(picked)));
+            *is_long = show(ui, None, messages, Some(picked));
         };
         Harness::builder().with_size(vec2(width, 40.0)).build_ui_state(show, (messages, false))
     }

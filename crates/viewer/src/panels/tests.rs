@@ -139,7 +139,7 @@ fn scenes() -> Vec<Scene> {
 fn harness<'a>(scene: &Scene, theme: eframe::egui::Theme) -> Harness<'a, Scene> {
     let volumes = fixture::volumes();
     let show = move |ui: &mut Ui, scene: &mut Scene| {
-        view::show(ui, scene, (&volumes, false), &mut Vec::new());
+        view::show(ui, scene, &volumes, false, &mut Vec::new());
         view::groups(ui, scene, &volumes);
         ui.separator();
         layers::show(ui, scene, &volumes, Some(5), &mut Vec::new());
@@ -220,7 +220,7 @@ fn a_panel_stays_as_wide_as_it_is() {
         let show = move |ui: &mut Ui, width: &mut f32| {
             let panel = eframe::egui::Panel::left("scene").default_size(WIDTH).show(ui, |ui| {
                 widgets::within(ui, |ui| {
-                    view::show(ui, &mut scene, (&volumes, false), &mut Vec::new());
+                    view::show(ui, &mut scene, &volumes, false, &mut Vec::new());
                     view::groups(ui, &mut scene, &volumes);
                     layers::show(ui, &mut scene, &volumes, Some(5), &mut Vec::new());
                     ui.allocate_space(vec2(ui.available_width() + 20.0, 10.0));

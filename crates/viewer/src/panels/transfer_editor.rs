@@ -126,7 +126,7 @@ fn selected(
             Some(Point::Opacity(i)) if i < function.opacity.len() => {
                 value(ui, label, &mut function.opacity, i, ends);
                 let alpha = &mut function.opacity[i][1];
-                number(ui, alpha, 0.0..=1.0, 1.0, (48.0, "")).labelled_by(label).on_hover_text("opacity, 0 to 1");
+                number(ui, alpha, 0.0..=1.0, 1.0, 48.0, "").labelled_by(label).on_hover_text("opacity, 0 to 1");
                 is_removed(ui, &mut function.opacity, i, FEWEST)
             }
             Some(Point::Color(i)) if i < colors.len() => {
@@ -152,9 +152,9 @@ fn selected(
 /// Shows the value of a point of a list.
 fn value<const N: usize>(ui: &mut Ui, label: Id, points: &mut [[f64; N]], index: usize, ends: [f64; 2]) {
     let mut value = points[index][0];
-    let field = number(ui, &mut value, ANY, ends[1] - ends[0], (58.0, "")).labelled_by(label);
+    let field = number(ui, &mut value, ANY, ends[1] - ends[0], 58.0, "").labelled_by(label);
     if field.on_hover_text("value").changed() {
-        move_point(points, index, value, ([f64::NEG_INFINITY, f64::INFINITY], least(ends)));
+        move_point(points, index, value, [f64::NEG_INFINITY, f64::INFINITY], least(ends));
     }
 }
 
@@ -172,7 +172,7 @@ fn extras(ui: &mut Ui, function: &mut TransferFunction, volume: &VolumeSource, s
     row(ui, "per length", hint, |ui, label| {
         let span = function.unit_distance;
         let range = f64::MIN_POSITIVE..=f64::INFINITY;
-        number(ui, &mut function.unit_distance, range, span, (58.0, unit)).labelled_by(label);
+        number(ui, &mut function.unit_distance, range, span, 58.0, unit).labelled_by(label);
         let zoom = ui.selectable_label(state.is_zoomed, "zoom");
         if zoom.on_hover_text("the window fills the width").clicked() {
             state.is_zoomed = !state.is_zoomed;

@@ -65,7 +65,7 @@ fn moved(ui: &mut Ui, hint: &str, along: DVec3, point: DVec3, world: &World<'_>)
     let (least, greatest) = world.extent_along(along);
     let before = along.dot(point);
     let mut at = before;
-    slider(ui, "position", hint, &mut at, (Scale::Linear, least..=greatest, world.unit));
+    slider(ui, "position", hint, &mut at, Scale::Linear, least..=greatest, world.unit);
     along * (at - before)
 }
 
@@ -74,13 +74,14 @@ fn moved(ui: &mut Ui, hint: &str, along: DVec3, point: DVec3, world: &World<'_>)
 pub(crate) fn show(
     ui: &mut Ui,
     scene: &mut Scene,
-    (volumes, is_playing): (&[VolumeSource], bool),
+    volumes: &[VolumeSource],
+    is_playing: bool,
     commands: &mut Vec<Command>,
 ) {
     let world = World::new(scene, volumes);
     modes(ui, scene, volumes);
     sides(ui, scene, &world, commands);
-    time(ui, scene, (volumes, is_playing));
+    time(ui, scene, volumes, is_playing);
 }
 
 /// Shows the other settings of the view, in groups.
@@ -138,7 +139,7 @@ fn sides(ui: &mut Ui, scene: &Scene, world: &World<'_>, commands: &mut Vec<Comma
     });
 }
 
-fn time(ui: &mut Ui, scene: &mut Scene, (volumes, is_playing): (&[VolumeSource], bool)) {
+fn time(ui: &mut Ui, scene: &mut Scene, volumes: &[VolumeSource], is_playing: bool) {
     let times = volumes.iter().map(|volume| volume.source.times()).max().unwrap_or(1);
     let hint = format!("the time step of all layers, 0 to {}", times - 1);
     if times > 1 && is_playing {

@@ -59,7 +59,7 @@ pub(crate) fn group(ui: &mut Ui, name: &str, hint: &str, content: impl FnOnce(&m
 
 /// Width of a number field with room for each of these values, in points, and at least `least`. It takes no more than that: a row wider than its
 /// panel would widen the panel.
-fn width_of(ui: &Ui, values: &[f64], span: f64, (unit, least): (&str, f32)) -> f32 {
+fn width_of(ui: &Ui, values: &[f64], span: f64, unit: &str, least: f32) -> f32 {
     let font = ui.style().drag_value_text_style.resolve(ui.style());
     let written =
         values.iter().filter(|value| value.is_finite()).map(|value| format!("{} {unit}", within_span(*value, span)));
@@ -90,7 +90,8 @@ pub(crate) fn number(
     value: &mut f64,
     range: RangeInclusive<f64>,
     span: f64,
-    (width, unit): (f32, &str),
+    width: f32,
+    unit: &str,
 ) -> Response {
     let suffix = if unit.is_empty() { String::new() } else { format!(" {unit}") };
     let number = DragValue::from_get_set(access(value, range.clone(), span))
@@ -120,12 +121,14 @@ pub(crate) fn slider(
     label: &str,
     hint: &str,
     value: &mut f64,
-    (scale, range, unit): (Scale, RangeInclusive<f64>, &str),
+    scale: Scale,
+    range: RangeInclusive<f64>,
+    unit: &str,
 ) -> Response {
     let is_logarithmic = scale == Scale::Log;
     let span = if is_logarithmic { value.abs() } else { range.end() - range.start() };
     row(ui, label, hint, |ui, label| {
-        let width = width_of(ui, &[*range.start(), *range.end(), *value], span, (unit, NUMBER_WIDTH));
+        let width = width_of(ui, &[*range.start(), *range.end(), *value], span, unit, NUMBER_WIDTH);
         ui.spacing_mut().slider_width = (ui.available_width() - width - ui.spacing().item_spacing.x).max(LEAST_RAIL);
         let rail = Slider::from_get_set(range.clone(), access(value, range.clone(), span))
             .clamping(SliderClamping::Edits)
@@ -133,13 +136,13 @@ pub(crate) fn slider(
             .smallest_positive(1e-3)
             .show_value(false);
         let rail = ui.add(rail).labelled_by(label).on_hover_text(hint);
-        rail | number(ui, value, range, span, (width, unit)).labelled_by(label)
+        rail | number(ui, value, range, span, width, unit).labelled_by(label)
     })
 }
 
 /// Shows an opacity, 0 to 1, on a slider.
 pub(crate) fn opacity(ui: &mut Ui, hint: &str, value: &mut f64) {
-    slider(ui, "opacity", hint, value, (Scale::Linear, 0.0..=1.0, ""));
+    slider(ui, "opacity", hint, value, Scale::Linear, 0.0..=1.0, "");
 }
 
 /// Shows the two values of a window side by side, with a hint on each. Returns the edited ones, if they are in order.
@@ -153,8 +156,8 @@ pub(crate) fn window(
     row(ui, "window", hint, |ui, label| {
         let width = 0.5 * (ui.available_width() - ui.spacing().item_spacing.x);
         let mut typed = shown;
-        number(ui, &mut typed[0], ANY, span, (width, "")).labelled_by(label).on_hover_text(least);
-        number(ui, &mut typed[1], ANY, span, (width, "")).labelled_by(label).on_hover_text(greatest);
+        number(ui, &mut typed[0], ANY, span, width, "").labelled_by(label).on_hover_text(least);
+        number(ui, &mut typed[1], ANY, span, width, "").labelled_by(label).on_hover_text(greatest);
         (typed != shown && typed[0] < typed[1]).then_some(typed)
     })
 }
@@ -167,7 +170,7 @@ pub(crate) fn vector(ui: &mut Ui, label: &str, hint: &str, value: &mut DVec3, sp
         let gaps = ui.spacing().item_spacing.x * (axes.len() - 1) as f32;
         let width = (ui.available_width() - gaps) / axes.len() as f32;
         for &axis in axes {
-            let part = number(ui, &mut value.as_mut()[axis], ANY, span, (width, ""));
+            let part = number(ui, &mut value.as_mut()[axis], ANY, span, width, "");
             part.labelled_by(label).on_hover_text(["x", "y", "z"][axis]);
         }
     };
@@ -191,7 +194,7 @@ pub(crate) fn count(ui: &mut Ui, label: &str, hint: &str, value: &mut u32, range
         let mut typed = f64::from(*value);
         let whole = f64::from(*range.start())..=f64::from(*range.end());
         // With so wide a span no decimals are shown.
-        let number = number(ui, &mut typed, whole, 1e4, (NUMBER_WIDTH, "")).labelled_by(label);
+        let number = number(ui, &mut typed, whole, 1e4, NUMBER_WIDTH, "").labelled_by(label);
         if typed != f64::from(*value) {
             *value = typed.round() as u32;
         }
@@ -204,7 +207,7 @@ pub(crate) fn switch(ui: &mut Ui, label: &str, hint: &str, is_on: &mut bool) -> 
 }
 
 /// Shows a value that may be left to the engine: a switch `auto`, and a number if off.
-pub(crate) fn auto(ui: &mut Ui, label: &str, hint: &str, value: &mut Option<f64>, (own, unit): (f64, &str)) {
+pub(crate) fn auto(ui: &mut Ui, label: &str, hint: &str, value: &mut Option<f64>, own: f64, unit: &str) {
     row(ui, label, hint, |ui, label| {
         let mut is_auto = value.is_none();
         if ui.checkbox(&mut is_auto, "auto").changed() {
@@ -212,7 +215,7 @@ pub(crate) fn auto(ui: &mut Ui, label: &str, hint: &str, value: &mut Option<f64>
         }
         if let Some(value) = value {
             let least = f64::MIN_POSITIVE;
-            number(ui, value, least..=f64::INFINITY, own, (NUMBER_WIDTH, unit)).labelled_by(label);
+            number(ui, value, least..=f64::INFINITY, own, NUMBER_WIDTH, unit).labelled_by(label);
         }
     });
 }
@@ -225,7 +228,8 @@ pub(crate) fn menu<T: Copy + PartialEq>(
     ui: &mut Ui,
     label: &str,
     hint: &str,
-    (shown, all): (T, Choices<'_, T>),
+    shown: T,
+    all: Choices<'_, T>,
     barred: impl Fn(T) -> Option<String>,
 ) -> Option<T> {
     row(ui, label, hint, |ui, label| {
@@ -250,7 +254,7 @@ pub(crate) fn menu<T: Copy + PartialEq>(
 
 /// Shows a menu of choices for a value, and sets the chosen one.
 pub(crate) fn choice<T: Copy + PartialEq>(ui: &mut Ui, label: &str, hint: &str, value: &mut T, all: Choices<'_, T>) {
-    *value = menu(ui, label, hint, (*value, all), |_| None).unwrap_or(*value);
+    *value = menu(ui, label, hint, *value, all, |_| None).unwrap_or(*value);
 }
 
 /// Shows the items of a list below each other, by `show`, which returns whether to remove its item. Returns whether one was removed.
@@ -305,7 +309,9 @@ struct Draft {
 /// Shows a value typed as text. It is applied once it parses; until then the text stays, with the error below. Returns whether the value changed.
 pub(crate) fn typed<T: PartialEq>(
     ui: &mut Ui,
-    (name, hint, rows): (&str, &str, usize),
+    name: &str,
+    hint: &str,
+    rows: usize,
     value: &mut T,
     words: impl Fn(&T) -> String,
     read: impl FnOnce(&str) -> Result<T, String>,
@@ -342,13 +348,14 @@ pub(crate) fn range(
     label: &str,
     hint: &str,
     [low, high]: [&mut f64; 2],
-    (whole, least): (RangeInclusive<f64>, f64),
+    whole: RangeInclusive<f64>,
+    least: f64,
 ) {
     let (first, last) = (*whole.start(), *whole.end());
     let span = last - first;
     row(ui, label, hint, |ui, label| {
-        let end = width_of(ui, &[first, last, *low, *high], span, ("", NUMBER_WIDTH - 8.0));
-        number(ui, low, first..=(*high - least).max(first), span, (end, "")).labelled_by(label);
+        let end = width_of(ui, &[first, last, *low, *high], span, "", NUMBER_WIDTH - 8.0);
+        number(ui, low, first..=(*high - least).max(first), span, end, "").labelled_by(label);
         let left = ui.available_width() - end - ui.spacing().item_spacing.x;
         // Long numbers leave no room for the rail.
         if left >= LEAST_RAIL {
@@ -362,7 +369,7 @@ pub(crate) fn range(
                 (*low, *high) = (to_low, to_high);
             }
         }
-        number(ui, high, (*low + least).min(last)..=last, span, (end, "")).labelled_by(label);
+        number(ui, high, (*low + least).min(last)..=last, span, end, "").labelled_by(label);
     });
 }
 
@@ -378,7 +385,7 @@ mod tests {
     fn a_number_that_is_only_visited_stays_what_it_is() {
         let value = 1.0 / 3.0;
         let show = |ui: &mut Ui, value: &mut f64| {
-            number(ui, value, 0.0..=0.2, 1.0, (50.0, "mm")).accessible_name("length");
+            number(ui, value, 0.0..=0.2, 1.0, 50.0, "mm").accessible_name("length");
         };
         let mut harness = Harness::new_ui_state(show, value);
         harness.get_by_role(Role::SpinButton).focus();
@@ -391,7 +398,7 @@ mod tests {
     #[test]
     fn a_number_is_typed() {
         let show = |ui: &mut Ui, value: &mut f64| {
-            number(ui, value, 0.0..=9.0, 1.0, (50.0, "")).accessible_name("length");
+            number(ui, value, 0.0..=9.0, 1.0, 50.0, "").accessible_name("length");
         };
         let mut harness = Harness::new_ui_state(show, 1.0);
         for (typed, expected) in [("2.34567", 2.345_67), ("x", 2.345_67), ("12", 9.0)] {
@@ -409,7 +416,7 @@ mod tests {
     fn text_is_applied_once_it_can_be_read() {
         let show = |ui: &mut Ui, value: &mut u32| {
             let read = |text: &str| text.parse::<u32>().map_err(|error| error.to_string());
-            typed(ui, ("count", "a number", 1), value, u32::to_string, read);
+            typed(ui, "count", "a number", 1, value, u32::to_string, read);
         };
         let mut harness = Harness::new_ui_state(show, 7);
         harness.get_by_label("count").focus();
@@ -428,7 +435,7 @@ mod tests {
 
     #[test]
     fn the_ends_of_a_range_stay_apart() {
-        let show = |ui: &mut Ui, [low, high]: &mut [f64; 2]| range(ui, "x", "", [low, high], (0.0..=100.0, 1.0));
+        let show = |ui: &mut Ui, [low, high]: &mut [f64; 2]| range(ui, "x", "", [low, high], 0.0..=100.0, 1.0);
         let mut harness = Harness::new_ui_state(show, [20.0, 80.0]);
         let low = harness.get_all_by_role(Role::SpinButton).next().expect("the least value");
         low.focus();

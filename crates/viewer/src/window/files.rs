@@ -39,18 +39,18 @@ impl Window {
         self.dialog.take_if(|dialog| dialog.is_about_opening());
         // The description of previous files does not apply to these.
         let options = OpeningOptions { store: None, ..self.openings.options().clone() };
-        self.open_next(Openings::start(volumes, options), (meshes, placing), Description::default());
+        self.open_next(Openings::start(volumes, options), meshes, placing, Description::default());
         Ok(())
     }
 
     /// Starts opening a file with a description.
     pub(super) fn open_as(&mut self, path: &Path, said: &Description, placing: Placing) -> Result<(), String> {
         let openings = Openings::start(vec![path.to_owned()], said.options(self.openings.options())?);
-        self.open_next(openings, (Vec::new(), placing), said.clone());
+        self.open_next(openings, Vec::new(), placing, said.clone());
         Ok(())
     }
 
-    fn open_next(&mut self, openings: Openings, (meshes, placing): (Vec<PathBuf>, Placing), said: Description) {
+    fn open_next(&mut self, openings: Openings, meshes: Vec<PathBuf>, placing: Placing, said: Description) {
         match &mut self.next {
             Some(next) if placing == Placing::Beside => {
                 next.openings.add(openings);
@@ -215,8 +215,7 @@ impl Window {
             commands.push(Command::Open(dropped, if is_added { Placing::Beside } else { Placing::Instead }));
         }
         let Some(dialog) = &mut self.dialog else { return };
-        let of = (&self.state.scene, self.views.volumes());
-        let (stays, command) = dialog.show(egui, self.volume_view.size_px, of);
+        let (stays, command) = dialog.show(egui, self.volume_view.size_px, &self.state.scene, self.views.volumes());
         if !stays {
             self.dialog = None;
         }

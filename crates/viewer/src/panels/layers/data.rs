@@ -26,7 +26,7 @@ fn source(ui: &mut Ui, scene: &mut Scene, volumes: &[VolumeSource], layer: usize
     let names: Vec<String> = volumes.iter().enumerate().map(name).collect();
     let choices: Vec<_> = names.iter().enumerate().map(|(i, name)| (i, &**name, "")).collect();
     let barred = |store| reason(scene, volumes, |scene| show_store(scene, volumes, layer, store));
-    let chosen = menu(ui, "volume", "the layer's volume", (scene.store(layer), &choices), barred);
+    let chosen = menu(ui, "volume", "the layer's volume", scene.store(layer), &choices, barred);
     if let Some(store) = chosen {
         show_store(scene, volumes, layer, store);
     }
@@ -78,7 +78,7 @@ fn crop(ui: &mut Ui, layer: &mut SceneLayer, volume: &VolumeSource) {
     let Some([low, high]) = &mut layer.crop else { return };
     for (axis, name) in ["x", "y", "z"].into_iter().enumerate() {
         let ends = [&mut low.as_mut()[axis], &mut high.as_mut()[axis]];
-        range(ui, &format!("   {name}"), "first and last voxel along the axis", ends, (0.0..=extent[axis], 1.0));
+        range(ui, &format!("   {name}"), "first and last voxel along the axis", ends, 0.0..=extent[axis], 1.0);
     }
 }
 
@@ -103,7 +103,7 @@ fn placement(ui: &mut Ui, layer: &mut SceneLayer, volume: &VolumeSource) {
         }
     });
     let read = |text: &str| Placement::from_text(text).map_err(|error| error.to_string());
-    typed(ui, ("placement", "12 or 16 numbers, row by row", 3), placement, matrix, read);
+    typed(ui, "placement", "12 or 16 numbers, row by row", 3, placement, matrix, read);
 }
 
 /// A matrix as text, one row per line.

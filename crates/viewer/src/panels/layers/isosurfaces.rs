@@ -21,7 +21,7 @@ pub(crate) fn show(ui: &mut Ui, scene: &mut Scene, layer: usize, volume: &Volume
         let mut values: Vec<f64> = surfaces.iter().map(|surface| surface.value).collect();
         let is_one_removed = list(ui, surfaces, |ui, i, surface| {
             let hint = "the value on the surface, in stored units";
-            slider(ui, "value", hint, &mut surface.value, (Scale::Linear, least..=greatest, ""));
+            slider(ui, "value", hint, &mut surface.value, Scale::Linear, least..=greatest, "");
             if values.iter().enumerate().any(|(other, value)| other != i && *value == surface.value) {
                 // Two surfaces in one place would be indistinguishable.
                 surface.value = values[i];

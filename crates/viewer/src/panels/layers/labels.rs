@@ -22,7 +22,7 @@ pub(crate) fn show(ui: &mut Ui, layer: &mut SceneLayer, volume: &VolumeSource, p
         }
     });
     if let Some(shown) = &mut layer.show_labels {
-        typed(ui, ("shown labels", "such as 3,7,10-12", 1), shown, |shown| listed(shown), parsed);
+        typed(ui, "shown labels", "such as 3,7,10-12", 1, shown, |shown| listed(shown), parsed);
     }
     picking(ui, layer, volume, picked);
     row(ui, "tint", "one colour for all labels, or a colour for each", |ui, label| {

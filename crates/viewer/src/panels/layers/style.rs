@@ -32,7 +32,7 @@ pub(crate) fn show(ui: &mut Ui, layer: &mut SceneLayer, volume: &VolumeSource) {
         }
     }
     let hint = "exponent of colours and opacities over the window: less than 1 shows more of the lesser values";
-    slider(ui, "gamma", hint, &mut layer.gamma, (Scale::Log, GAMMAS, ""));
+    slider(ui, "gamma", hint, &mut layer.gamma, Scale::Log, GAMMAS, "");
 }
 
 pub(super) fn opacity_and_blend(ui: &mut Ui, layer: &mut SceneLayer) {

@@ -75,7 +75,7 @@ impl Plot<'_> {
 
     /// Moves a point, as far as possible.
     fn put(&self, function: &mut TransferFunction, index: usize, [value, alpha]: [f64; 2]) {
-        move_point(&mut function.opacity, index, value, (self.ends, least(self.ends)));
+        move_point(&mut function.opacity, index, value, self.ends, least(self.ends));
         function.opacity[index][1] = alpha.clamp(0.0, 1.0);
     }
 

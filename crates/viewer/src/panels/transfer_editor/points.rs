@@ -2,12 +2,7 @@
 //! from its neighbours.
 
 /// Moves a point to a value, between its neighbours at a distance of `least` and the ends of `within`. A point without room stays.
-pub(crate) fn move_point<const N: usize>(
-    points: &mut [[f64; N]],
-    index: usize,
-    to: f64,
-    (within, least): ([f64; 2], f64),
-) {
+pub(crate) fn move_point<const N: usize>(points: &mut [[f64; N]], index: usize, to: f64, within: [f64; 2], least: f64) {
     let before = index.checked_sub(1).map_or(f64::NEG_INFINITY, |before| points[before][0] + least);
     let behind = points.get(index + 1).map_or(f64::INFINITY, |behind| behind[0] - least);
     // A point may be outside already: it is not pulled in, but goes no farther.
@@ -67,7 +62,7 @@ mod tests {
     fn a_point_stops_at_its_neighbours() {
         let moved = |index, to| {
             let mut points = vec![[0.0, 0.1], [5.0, 0.2], [9.0, 0.3]];
-            move_point(&mut points, index, to, ([0.0, 10.0], 0.5));
+            move_point(&mut points, index, to, [0.0, 10.0], 0.5);
             points[index][0]
         };
         assert_eq!([moved(1, 6.0), moved(1, 20.0), moved(1, -3.0)], [6.0, 8.5, 0.5]);
@@ -77,9 +72,9 @@ mod tests {
     #[test]
     fn a_step_is_not_torn_by_being_lifted() {
         let mut points = vec![[0.0, 0.1], [5.0, 0.2], [5.0, 0.8], [9.0, 0.3]];
-        move_point(&mut points, 1, 5.0, ([0.0, 10.0], 0.5));
+        move_point(&mut points, 1, 5.0, [0.0, 10.0], 0.5);
         assert_eq!(points[1][0], 5.0);
-        move_point(&mut points, 1, 7.0, ([0.0, 10.0], 0.5));
+        move_point(&mut points, 1, 7.0, [0.0, 10.0], 0.5);
         assert_eq!(points[1][0], 4.5);
     }
 
@@ -115,8 +110,8 @@ mod tests {
                 let (of_opacity, of_color) = (index % function.opacity.len(), index % function.color.len());
                 match deed {
                     0 => {
-                        move_point(&mut function.opacity, of_opacity, value, ([low, high], least));
-                        move_point(&mut function.color, of_color, value, ([low, high], least));
+                        move_point(&mut function.opacity, of_opacity, value, [low, high], least);
+                        move_point(&mut function.color, of_color, value, [low, high], least);
                     }
                     1 => {
                         add_point(&mut function.opacity, [value, part], least);

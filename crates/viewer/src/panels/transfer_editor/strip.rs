@@ -42,7 +42,7 @@ pub(super) fn show(
         && i < points.len()
     {
         let to = points[i][0] + by;
-        move_point(points, i, to, (ends, least(ends)));
+        move_point(points, i, to, ends, least(ends));
         if is_removed && remove_point(points, i, 1) {
             *selected = None;
         }
@@ -78,7 +78,7 @@ fn drag(ui: &Ui, response: &Response, axis: &Axis, points: &mut [[f64; 4]], sele
     if let Some((i, to)) = dragged(ui, response, (selected, Point::Color), near)
         && i < points.len()
     {
-        move_point(points, i, axis.value(to.x), (axis.ends(), least(axis.ends())));
+        move_point(points, i, axis.value(to.x), axis.ends(), least(axis.ends()));
     }
 }
 

@@ -18,13 +18,13 @@ pub(super) fn show(ui: &mut Ui, scene: &mut Scene, world: &World<'_>) {
         match &mut camera.projection {
             Projection::Perspective { fov_y_deg } => {
                 row(ui, "angle", "from the picture's lower edge to its upper one", |ui, label| {
-                    number(ui, fov_y_deg, 0.1..=170.0, 90.0, (58.0, "\u{b0}")).labelled_by(label);
+                    number(ui, fov_y_deg, 0.1..=170.0, 90.0, 58.0, "\u{b0}").labelled_by(label);
                 });
             }
             Projection::Orthographic { height } => {
                 let least = f64::MIN_POSITIVE;
                 row(ui, "height", "the height of the picture in the world", |ui, label| {
-                    number(ui, height, least..=f64::INFINITY, world.size(), (58.0, world.unit)).labelled_by(label);
+                    number(ui, height, least..=f64::INFINITY, world.size(), 58.0, world.unit).labelled_by(label);
                 });
             }
         }

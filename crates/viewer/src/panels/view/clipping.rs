@@ -35,7 +35,7 @@ fn clip_box(ui: &mut Ui, clip: &mut Option<[DVec3; 2]>, world: &World<'_>) {
         let whole = world.low[axis]..=world.high[axis];
         let least = 1e-3 * (world.high[axis] - world.low[axis]);
         let ends = [&mut low.as_mut()[axis], &mut high.as_mut()[axis]];
-        range(ui, &format!("{name} ({unit})"), "the visible range", ends, (whole, least));
+        range(ui, &format!("{name} ({unit})"), "the visible range", ends, whole, least);
     }
     if ui.small_button("reset").on_hover_text("the box around everything").clicked() {
         *clip = Some([world.low, world.high]);

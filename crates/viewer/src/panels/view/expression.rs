@@ -23,7 +23,7 @@ pub(super) fn show(ui: &mut Ui, scene: &mut Scene, volumes: &[VolumeSource]) {
             },
         };
         let words = |text: &Option<String>| text.clone().unwrap_or_default();
-        if typed(ui, ("expression text", "a + b", 1), &mut text, words, read) {
+        if typed(ui, "expression text", "a + b", 1, &mut text, words, read) {
             set_expression(scene, volumes, text);
         }
         names(ui, scene, volumes);

@@ -26,7 +26,7 @@ pub(super) fn show(ui: &mut Ui, scene: &mut Scene, volumes: &[VolumeSource], wor
     group(ui, "light", "how fog and surfaces are lit, with the direction in which values change as the normal", |ui| {
         let barred = |model| reason(scene, volumes, |scene| set_light(scene, model));
         let hint = "how colours are lit";
-        if let Some(model) = menu(ui, "model", hint, (scene.lighting.model, &MODELS), barred) {
+        if let Some(model) = menu(ui, "model", hint, scene.lighting.model, &MODELS, barred) {
             set_light(scene, model);
         }
         let hint = "method of finding the direction in which values change";

@@ -45,7 +45,7 @@ pub(super) fn show(ui: &mut Ui, scene: &mut Scene, volumes: &[VolumeSource]) {
     group(ui, "sampling", "samples along rays, and level of the data: quality against speed", |ui| {
         let barred = |method| reason(scene, volumes, |scene| scene.sampling.method = method);
         let hint = "evaluation of the fog in each step along a ray";
-        if let Some(method) = menu(ui, "method", hint, (scene.sampling.method, &METHODS), barred) {
+        if let Some(method) = menu(ui, "method", hint, scene.sampling.method, &METHODS, barred) {
             scene.sampling.method = method;
         }
         if scene.sampling.method.has_virtual_samples() {
@@ -57,13 +57,13 @@ pub(super) fn show(ui: &mut Ui, scene: &mut Scene, volumes: &[VolumeSource]) {
         choice(ui, "filter", "interpolation between voxels", &mut scene.sampling.filter, &FILTERS);
         jitter(ui, &mut scene.sampling.jitter);
         let hint = "rays of each pixel of a picture at rest: more make edges smoother, and take longer";
-        if let Some(samples) = menu(ui, "samples", hint, (scene.pixel_samples.count(), &SAMPLES), |_| None) {
+        if let Some(samples) = menu(ui, "samples", hint, scene.pixel_samples.count(), &SAMPLES, |_| None) {
             scene.pixel_samples = PixelSamples::try_from(samples as u32).unwrap_or_default();
         }
         let hint = "distance of samples along a ray, in voxels of the finest layer: shorter is better and slower";
-        slider(ui, "step", hint, &mut scene.step, (Scale::Log, 0.1..=10.0, "vx"));
+        slider(ui, "step", hint, &mut scene.step, Scale::Log, 0.1..=10.0, "vx");
         let hint = "how many pixels a voxel may cover before a finer level is fetched: more is faster and coarser";
-        slider(ui, "pixel error", hint, &mut scene.pixel_error, (Scale::Log, 0.25..=32.0, "px"));
+        slider(ui, "pixel error", hint, &mut scene.pixel_error, Scale::Log, 0.25..=32.0, "px");
         level(ui, scene, volumes);
     });
 }
@@ -75,7 +75,7 @@ fn jitter(ui: &mut Ui, jitter: &mut Jitter) {
         Jitter::Blue => (2, 0),
     };
     let hint = "shifts the samples of each ray by a share of a step";
-    match menu(ui, "jitter", hint, (kind, &JITTERS), |_| None) {
+    match menu(ui, "jitter", hint, kind, &JITTERS, |_| None) {
         Some(0) => *jitter = Jitter::None,
         Some(1) => *jitter = Jitter::White(seed),
         Some(_) => *jitter = Jitter::Blue,

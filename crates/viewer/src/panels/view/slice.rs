@@ -47,7 +47,7 @@ pub(super) fn show(ui: &mut Ui, scene: &mut Scene, volumes: &[VolumeSource], wor
         let no_expression =
             scene.expression.is_some().then(|| "an expression is shown in mode dvr alone: clear it first".to_string());
         let shown = cut(scene.slice.as_ref());
-        if let Some(cut) = menu(ui, "cut", "orientation of the slice", (shown, cuts), |_| no_expression.clone()) {
+        if let Some(cut) = menu(ui, "cut", "orientation of the slice", shown, cuts, |_| no_expression.clone()) {
             choose(scene, volumes, world, cut);
         }
         let Some(mut slice) = scene.slice else { return };
@@ -57,7 +57,7 @@ pub(super) fn show(ui: &mut Ui, scene: &mut Scene, volumes: &[VolumeSource], wor
         }
         row(ui, "thickness", "thickness of the slab; 0 is the thinnest slice", |ui, label| {
             let range = 0.0..=world.size();
-            number(ui, &mut slice.thickness, range, world.size(), (64.0, world.unit)).labelled_by(label);
+            number(ui, &mut slice.thickness, range, world.size(), 64.0, world.unit).labelled_by(label);
             if ui.small_button("look at it").on_hover_text("looks straight at the slice").clicked() {
                 look_at(scene, volumes, slice);
             }
@@ -66,7 +66,7 @@ pub(super) fn show(ui: &mut Ui, scene: &mut Scene, volumes: &[VolumeSource], wor
             scene.slice = Some(slice);
         }
         let hint = "the value shown of those across the slab";
-        if let Some(mode) = menu(ui, "shows", hint, (scene.mode, &PROJECTIONS), |_| None) {
+        if let Some(mode) = menu(ui, "shows", hint, scene.mode, &PROJECTIONS, |_| None) {
             set_mode(scene, volumes, mode);
         }
     });

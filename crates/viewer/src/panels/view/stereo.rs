@@ -16,7 +16,7 @@ const LAYOUTS: [(Option<StereoLayout>, &str, &str); 5] = [
 pub(super) fn show(ui: &mut Ui, scene: &mut Scene, world: &World<'_>) {
     group(ui, "stereo", "pictures of two eyes, shown together", |ui| {
         let shown = scene.stereo.map(|stereo| stereo.layout);
-        if let Some(layout) = menu(ui, "layout", "arrangement of the two pictures", (shown, &LAYOUTS), |_| None) {
+        if let Some(layout) = menu(ui, "layout", "arrangement of the two pictures", shown, &LAYOUTS, |_| None) {
             scene.stereo = match (layout, scene.stereo) {
                 (Some(layout), Some(stereo)) => Some(Stereo { layout, ..stereo }),
                 (layout, _) => layout.map(Stereo::new),
@@ -26,9 +26,9 @@ pub(super) fn show(ui: &mut Ui, scene: &mut Scene, world: &World<'_>) {
         if let Some(stereo) = &mut scene.stereo {
             let screen = stereo.convergence.unwrap_or(distance);
             let hint = "distance between the eyes; auto is a thirtieth of the distance to the screen";
-            auto(ui, "eyes apart", hint, &mut stereo.eye_separation, (screen / 30.0, world.unit));
+            auto(ui, "eyes apart", hint, &mut stereo.eye_separation, screen / 30.0, world.unit);
             let hint = "the distance of things that appear at the screen; auto is the distance of the camera's target";
-            auto(ui, "screen at", hint, &mut stereo.convergence, (distance, world.unit));
+            auto(ui, "screen at", hint, &mut stereo.convergence, distance, world.unit);
         }
     });
 }

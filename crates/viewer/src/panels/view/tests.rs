@@ -16,7 +16,7 @@ fn harness<'a>(scene: Scene) -> Harness<'a, Edited> {
     let volumes = fixture::volumes();
     let mut before = scene.clone();
     let show = move |ui: &mut Ui, (scene, commands): &mut Edited| {
-        show(ui, scene, (&volumes, false), commands);
+        show(ui, scene, &volumes, false, commands);
         groups(ui, scene, &volumes);
         if *scene != before {
             fixture::check(scene, &volumes);
