@@ -118,7 +118,7 @@ impl<'a> Way<'a> {
         let Some((part, field)) = self.part(segment) else { return };
         let mut start = part.start;
         let extent = self.volume.levels[0].extent;
-        let cap = self.frame.settings.cap(extent, (self.path.origin, self.path.direction), 0.0, start);
+        let cap = self.frame.settings.cap(extent, self.path.origin, self.path.direction, 0.0, start);
         for Crossing { t, surface, is_cap } in crossings.within(part, cap.is_some(), |t| field.value(t)) {
             pieces.extend(self.piece(field, Segment { start, end: t }));
             let cut = if is_cap { cap } else { None };

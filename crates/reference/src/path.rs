@@ -23,7 +23,7 @@ impl Path {
         let own = frame.placement.volume_ray(&world);
         let origin = frame.geometry.voxel_from_world(own.origin);
         let direction = own.direction / frame.geometry.spacing;
-        let cut = frame.cut_face(finest.extent, (origin, direction), 0.0);
+        let cut = frame.cut_face(finest.extent, origin, direction, 0.0);
         Self { world, own, origin, direction, cut }
     }
 

@@ -116,7 +116,7 @@ impl Ray {
     pub(crate) fn cut(&self, frame: &Frame<'_>, voxels: [f64; 3]) -> Option<(CutFace, f64)> {
         frame.settings.clip.as_ref()?;
         let [origin, direction] = [self.origin, self.direction].map(DVec3::from_array);
-        let cut = frame.settings.cut_face(frame.extent, (origin, direction), self.eye)?;
+        let cut = frame.settings.cut_face(frame.extent, origin, direction, self.eye)?;
         Some((cut, cut.voxels_per_distance(direction, DVec3::from_array(voxels).recip())))
     }
 

@@ -29,7 +29,7 @@ impl March<'_> {
         }
         let (start, _) = ray.ends(&self.frame.ticks, first);
         let [origin, direction] = [ray.origin, ray.direction].map(DVec3::from_array);
-        settings.cap(self.frame.extent, (origin, direction), ray.eye, start).is_some()
+        settings.cap(self.frame.extent, origin, direction, ray.eye, start).is_some()
     }
 
     /// Samples these segments in their middles, or as many of them as a chunk holds.

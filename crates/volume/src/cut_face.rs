@@ -53,18 +53,18 @@ impl CutFace {
 impl FrameSettings {
     /// Returns the cut with a cap if the place at distance `start`, where a segment of the ray begins, is past surfaces; `None` without caps, or
     /// if the ray does not enter by a cut there.
-    pub fn cap(&self, extent: Extent, ray: (DVec3, DVec3), eye: f64, start: f64) -> Option<CutFace> {
+    pub fn cap(&self, extent: Extent, origin: DVec3, direction: DVec3, eye: f64, start: f64) -> Option<CutFace> {
         if !self.caps {
             return None;
         }
         // Equal up to rounding; behind the cut, the segments begin at layers of meshes.
         let is_here = |cut: &CutFace| (start - cut.entry).abs() <= 1e-6 * self.lattice.step;
-        self.cut_face(extent, ray, eye).filter(is_here)
+        self.cut_face(extent, origin, direction, eye).filter(is_here)
     }
 
     /// Returns the cut by which a ray enters the shown part of a volume of this extent; `None` if it enters by the volume's own face, or its eye
     /// is inside. The ray is an origin and a direction in voxel space, with the eye at a distance: 0, unless the origin was moved behind the eye.
-    pub fn cut_face(&self, extent: Extent, (origin, direction): (DVec3, DVec3), eye: f64) -> Option<CutFace> {
+    pub fn cut_face(&self, extent: Extent, origin: DVec3, direction: DVec3, eye: f64) -> Option<CutFace> {
         let clip = self.clip.as_ref()?;
         let (low, high) = self.shown_box(extent);
         let extent = DVec3::from_array(extent.to_array().map(f64::from));

@@ -95,7 +95,7 @@ impl<'a> Way<'a> {
     /// Whether a segment begins on a cut that caps surfaces.
     pub(super) fn is_capped(&self, start: f64) -> bool {
         let extent = self.volume.extent();
-        start == self.stretch[0] && self.settings.cap(extent, (self.origin, self.direction), 0.0, start).is_some()
+        start == self.stretch[0] && self.settings.cap(extent, self.origin, self.direction, 0.0, start).is_some()
     }
 
     pub(super) fn clamped(&self, t: f64) -> f64 {
