@@ -89,15 +89,17 @@ fn cubic<const N: usize>(node: &Node<N>, next: [f64; N], t: f64) -> [f64; N] {
 /// may have one sharp bend, at `turn`.
 pub(super) fn follow<const N: usize>(curve: &dyn Fn(f64) -> [f64; N], turn: f64, points: &mut Vec<[f64; N]>) {
     let (start, middle, end) = (curve(0.0), curve(turn), curve(1.0));
-    halve(curve, (0.0, start), (turn, middle), MAX_HALVINGS, points);
+    halve(curve, 0.0, start, turn, middle, MAX_HALVINGS, points);
     points.push(middle);
-    halve(curve, (turn, middle), (1.0, end), MAX_HALVINGS, points);
+    halve(curve, turn, middle, 1.0, end, MAX_HALVINGS, points);
 }
 
 fn halve<const N: usize>(
     curve: &dyn Fn(f64) -> [f64; N],
-    (from, a): (f64, [f64; N]),
-    (to, b): (f64, [f64; N]),
+    from: f64,
+    a: [f64; N],
+    to: f64,
+    b: [f64; N],
     halvings: u32,
     points: &mut Vec<[f64; N]>,
 ) {
@@ -110,9 +112,9 @@ fn halve<const N: usize>(
     }
     let t = (from + to) / 2.0;
     let middle = curve(t);
-    halve(curve, (from, a), (t, middle), halvings - 1, points);
+    halve(curve, from, a, t, middle, halvings - 1, points);
     points.push(middle);
-    halve(curve, (t, middle), (to, b), halvings - 1, points);
+    halve(curve, t, middle, to, b, halvings - 1, points);
 }
 
 #[cfg(test)]
