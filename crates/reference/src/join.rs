@@ -43,9 +43,14 @@ impl Light {
     const WHOLE: Self = Self { color: DVec3::ZERO, left: 1.0 };
 
     /// Passes an interval or a surface with a premultiplied colour and a transmittance.
-    fn see(&mut self, (seen, left): (DVec3, f64)) {
+    fn see(&mut self, seen: DVec3, left: f64) {
         self.color += seen * self.left;
         self.left *= left;
+    }
+
+    fn see_joint(&mut self, together: &JointMedium) {
+        let (seen, left) = together.seen();
+        self.see(seen, left);
     }
 }
 
@@ -61,17 +66,17 @@ fn media(ways: &[Way<'_>], limits: [f64; 2]) -> (DVec3, f64) {
         sort_met(&mut surfaces, |surface| surface.at);
         let mut start = segment.start;
         for surface in surfaces {
-            light.see(between(&pieces, start, surface.at.t));
-            light.see((surface.color * surface.opacity, 1.0 - surface.opacity));
+            light.see_joint(&between(&pieces, start, surface.at.t));
+            light.see(surface.color * surface.opacity, 1.0 - surface.opacity);
             start = start.max(surface.at.t);
         }
-        light.see(between(&pieces, start, segment.end));
+        light.see_joint(&between(&pieces, start, segment.end));
     }
     (light.color, light.left)
 }
 
-/// The joint result of pieces between two distances.
-fn between(pieces: &[Piece], start: f64, end: f64) -> (DVec3, f64) {
+/// The joint medium of pieces between two distances.
+fn between(pieces: &[Piece], start: f64, end: f64) -> JointMedium {
     let mut together = JointMedium::default();
     for Piece { ends, alone } in pieces {
         let length = ends.end.min(end) - ends.start.max(start);
@@ -79,7 +84,7 @@ fn between(pieces: &[Piece], start: f64, end: f64) -> (DVec3, f64) {
             together.put_share(alone, length / ends.length());
         }
     }
-    together.seen()
+    together
 }
 
 /// The media of an expression's values, segment by segment.
@@ -100,7 +105,7 @@ fn combined(combination: &Combination, ways: &[Way<'_>], limits: [f64; 2]) -> (D
             let color = first.lit(DVec3::from_array(transfer.rgb(value)), gradient, segment.middle());
             together.put(Blend::Mix, color.to_array(), transfer.alpha(value), length);
         }
-        light.see(together.seen());
+        light.see_joint(&together);
     }
     (light.color, light.left)
 }
