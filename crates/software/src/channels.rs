@@ -176,7 +176,7 @@ impl Walk {
                 Coverage::None => 0,
                 Coverage::All => u64::MAX,
                 Coverage::Some => {
-                    look::<Dvr>(&mut self.stretch, (frame, cell), Vec4::ZERO, &mut [0; LANES]);
+                    look::<Dvr>(&mut self.stretch, frame, cell, Vec4::ZERO, &mut [0; LANES]);
                     self.stretch.seen
                 }
             };

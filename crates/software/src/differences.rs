@@ -60,7 +60,7 @@ impl Brick<'_> {
         // SAFETY: such are the returned voxels.
         let (differences, odd) = unsafe { self.shared_differences::<C>(&voxel, &t) };
         if C::INVALID && odd > 0.0 {
-            return self.sampled_differences::<C, U, _>(&CENTRAL, (points, middle));
+            return self.sampled_differences::<C, U, _>(&CENTRAL, points, middle);
         }
         differences
     }
@@ -83,7 +83,7 @@ impl Brick<'_> {
                 let at = k as isize * slice + y as isize * row;
                 // SAFETY: by the caller's promise these voxels and their neighbours are inside the brick.
                 unsafe {
-                    self.line_and_difference::<C>((voxel, at), &t[0], [&mut line[k][y], &mut along[k][y]], &mut odd);
+                    self.line_and_difference::<C>(voxel, at, &t[0], [&mut line[k][y], &mut along[k][y]], &mut odd);
                 };
             }
             for side in 0..2 {
@@ -91,8 +91,8 @@ impl Brick<'_> {
                 let [at_y, at_z] = [k as isize * slice + far * row, far * slice + k as isize * row];
                 // SAFETY: the same.
                 unsafe {
-                    self.line::<C>((voxel, at_y), &t[0], &mut beside_y[k][side], &mut odd);
-                    self.line::<C>((voxel, at_z), &t[0], &mut beside_z[side][k], &mut odd);
+                    self.line::<C>(voxel, at_y, &t[0], &mut beside_y[k][side], &mut odd);
+                    self.line::<C>(voxel, at_z, &t[0], &mut beside_z[side][k], &mut odd);
                 }
             }
         }
@@ -137,16 +137,10 @@ impl Brick<'_> {
     /// # Safety
     /// The voxels there and their upper neighbours are inside the brick.
     #[inline(always)]
-    unsafe fn line<C: Code>(
-        &self,
-        (voxel, at): (&[i32; LANES], isize),
-        t: &Packet,
-        mixed: &mut Packet,
-        odd: &mut Packet,
-    ) {
+    unsafe fn line<C: Code>(&self, voxel: &[i32; LANES], at: isize, t: &Packet, mixed: &mut Packet, odd: &mut Packet) {
         let [mut near, mut far] = [[0.0; LANES]; 2];
         // SAFETY: the caller's promise.
-        unsafe { self.pairs::<C>((voxel, at), [&mut near, &mut far], odd) };
+        unsafe { self.pairs::<C>(voxel, at, [&mut near, &mut far], odd) };
         for i in 0..LANES {
             mixed[i] = mix(near[i], far[i], t[i]);
         }
@@ -159,7 +153,8 @@ impl Brick<'_> {
     #[inline(always)]
     unsafe fn line_and_difference<C: Code>(
         &self,
-        (voxel, at): (&[i32; LANES], isize),
+        voxel: &[i32; LANES],
+        at: isize,
         t: &Packet,
         [mixed, differences]: [&mut Packet; 2],
         odd: &mut Packet,
@@ -167,8 +162,8 @@ impl Brick<'_> {
         let [mut a, mut b, mut c, mut d] = [[0.0; LANES]; 4];
         // SAFETY: the caller's promise.
         unsafe {
-            self.pairs::<C>((voxel, at - 1), [&mut a, &mut b], odd);
-            self.pairs::<C>((voxel, at + 1), [&mut c, &mut d], odd);
+            self.pairs::<C>(voxel, at - 1, [&mut a, &mut b], odd);
+            self.pairs::<C>(voxel, at + 1, [&mut c, &mut d], odd);
         }
         for i in 0..LANES {
             mixed[i] = mix(b[i], c[i], t[i]);
@@ -184,7 +179,8 @@ impl Brick<'_> {
     #[inline(always)]
     pub(crate) unsafe fn pairs<C: Code>(
         &self,
-        (voxel, at): (&[i32; LANES], isize),
+        voxel: &[i32; LANES],
+        at: isize,
         [near, far]: [&mut Packet; 2],
         odd: &mut Packet,
     ) {
@@ -210,10 +206,11 @@ impl Brick<'_> {
     pub(crate) fn sampled_differences<C: Code, U: Unit, const N: usize>(
         &self,
         taps: &[Tap; N],
-        points_and_middle: (&[Packet; 3], &Packet),
+        points: &[Packet; 3],
+        middle: &Packet,
     ) -> [Packet; 3] {
         U::call(
-            points_and_middle,
+            (points, middle),
             #[inline(always)]
             move |(points, middle)| {
                 let mut differences = [[0.0; LANES]; 3];
@@ -265,13 +262,14 @@ mod tests {
     fn both_ways<C: Code>(
         brick: &Brick<'_>,
         is_sobel: bool,
-        (points, middle): (&[Packet; 3], &Packet),
+        points: &[Packet; 3],
+        middle: &Packet,
     ) -> [[Packet; 3]; 2] {
         if is_sobel {
-            let expected = brick.sampled_differences::<C, Portable, _>(&SOBEL, (points, middle));
+            let expected = brick.sampled_differences::<C, Portable, _>(&SOBEL, points, middle);
             [brick.sobel_differences::<C, Portable>(points, middle), expected]
         } else {
-            let expected = brick.sampled_differences::<C, Portable, _>(&CENTRAL, (points, middle));
+            let expected = brick.sampled_differences::<C, Portable, _>(&CENTRAL, points, middle);
             [brick.central_differences::<C, Portable>(points, middle), expected]
         }
     }
@@ -291,9 +289,8 @@ mod tests {
         for _ in 0..500 {
             let mut points = [[0.0; LANES]; 3];
             points.as_flattened_mut().iter_mut().for_each(|v| *v = 1.0 + noise() as f32 / 65535.0 * 3.99);
-            let places = (&points, &[0.0; LANES]);
             for is_sobel in [false, true] {
-                let [found, expected] = both_ways::<C>(&brick, is_sobel, places);
+                let [found, expected] = both_ways::<C>(&brick, is_sobel, &points, &[0.0; LANES]);
                 for (found, expected) in found.as_flattened().iter().zip(expected.as_flattened()) {
                     worst = worst.max((found - expected).abs());
                 }
@@ -332,7 +329,7 @@ mod tests {
             let mut points = [[0.0; LANES]; 3];
             points.as_flattened_mut().iter_mut().for_each(|v| *v = 1.0 + noise() as f32 / 65535.0 * 3.99);
             for (is_sobel, different) in [false, true].into_iter().zip(&mut different) {
-                let [found, expected] = both_ways::<Float32>(&brick, is_sobel, (&points, &[100.0; LANES]));
+                let [found, expected] = both_ways::<Float32>(&brick, is_sobel, &points, &[100.0; LANES]);
                 *different += (found != expected) as u32;
                 for (found, expected) in found.as_flattened().iter().zip(expected.as_flattened()) {
                     // Numbers of up to 800 are interpolated to within 2^-14 of one, and are 64 codes each.
@@ -354,7 +351,7 @@ mod tests {
         let far = [-1e9, f32::NAN, 0.0, 0.5, 6.0, 1e9, f32::INFINITY, f32::NEG_INFINITY];
         let rounding = 1e-3;
         for is_sobel in [false, true] {
-            let [found, _] = both_ways::<Code8<false>>(&brick, is_sobel, (&[far; 3], &[0.0; LANES]));
+            let [found, _] = both_ways::<Code8<false>>(&brick, is_sobel, &[far; 3], &[0.0; LANES]);
             for (found, expected) in found.iter().zip([18.0, 8.0, 0.0]) {
                 assert!(found.iter().all(|v| (v - expected).abs() < rounding), "{found:?}");
             }

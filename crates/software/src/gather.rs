@@ -61,8 +61,8 @@ impl Way {
         self.stretch = Stretch::new(frame, cell, &self.ray, 0, start, self.last, reach);
         if self.coverage == Coverage::Some {
             match ends {
-                true => look::<Medium<true>>(&mut self.stretch, (frame, cell), Vec4::ZERO, &mut [0; LANES]),
-                false => look::<Dvr>(&mut self.stretch, (frame, cell), Vec4::ZERO, &mut [0; LANES]),
+                true => look::<Medium<true>>(&mut self.stretch, frame, cell, Vec4::ZERO, &mut [0; LANES]),
+                false => look::<Dvr>(&mut self.stretch, frame, cell, Vec4::ZERO, &mut [0; LANES]),
             }
         }
         (self.seen, self.pending) = (self.stretch.seen, 0..0);

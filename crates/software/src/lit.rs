@@ -26,7 +26,8 @@ fn see_on<C: Code, U: Unit>(march: &March<'_>, ray: &Ray, chunk: &mut SampleChun
     let stretch = march.stretch;
     let (eye, view) = ray.in_world(march.frame);
     let cut = march.cut(ray);
-    let shade = Shade::new(&march.frame.settings.lighting, march.slopes(), eye, view, cut);
+    let (slopes, flat_codes) = march.slopes();
+    let shade = Shade::new(&march.frame.settings.lighting, slopes, flat_codes, eye, view, cut);
     let mut shaded = Shaded::EMPTY;
     let (mut color, mut light) = (ray.sum, ray.sum.w);
     for p in 0..chunk.packets.min(PACKETS) {
@@ -40,7 +41,7 @@ fn see_on<C: Code, U: Unit>(march: &March<'_>, ray: &Ray, chunk: &mut SampleChun
         }
         let points = points(stretch.origin, stretch.step, along);
         let (differences, rounded) = march.differences::<C, U>(&points, &chunk.code[p]);
-        shade.packet(&differences, (&distance, &rounded), &mut shaded);
+        shade.packet(&differences, &distance, &rounded, &mut shaded);
         for i in 0..LANES {
             let step = chunk.entry[p][i];
             color += shade.lit(&shaded, i, step, 1.0 - step.w) * light;

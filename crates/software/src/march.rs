@@ -223,7 +223,7 @@ impl Queue {
         for stretch in &mut *stretches {
             let ray = &rays[stretch.ray];
             if B::coverage(cell, ray) != Coverage::All {
-                look::<B>(stretch, (frame, cell), ray.sum, &mut self.boxes);
+                look::<B>(stretch, frame, cell, ray.sum, &mut self.boxes);
             }
         }
         let brick = (sampler.brick)(frame, cell);
@@ -254,7 +254,8 @@ impl Queue {
 #[inline(always)]
 pub(crate) fn look<B: Accumulate>(
     stretch: &mut Stretch,
-    (frame, cell): (&Frame<'_>, &Cell<'_>),
+    frame: &Frame<'_>,
+    cell: &Cell<'_>,
     sum: Vec4,
     boxes: &mut [i32; LANES],
 ) {

@@ -164,7 +164,8 @@ impl<'a> Path<'a> {
             return segments.start + count;
         }
         let (mut differences, mut shaded) = ([[0.0; LANES]; 3], Shaded::EMPTY);
-        let shade = Shade::new(self.lighting(), self.march.slopes(), self.eye, self.direction, self.cut);
+        let (slopes, flat_codes) = self.march.slopes();
+        let shade = Shade::new(self.lighting(), slopes, flat_codes, self.eye, self.direction, self.cut);
         if self.has_gradients {
             differences = self.row_differences::<C, U>(&along, &row.code, &shown);
         }
@@ -174,7 +175,7 @@ impl<'a> Path<'a> {
                 distance[i] = self.distance(along[i]) as f32;
             }
             // These differences are already free of rounding; those of labels have none.
-            shade.packet(&differences, (&distance, &[0.0; LANES]), &mut shaded);
+            shade.packet(&differences, &distance, &[0.0; LANES], &mut shaded);
         }
         for i in 0..count as usize {
             let Some(mut medium) = shown[i].take() else { continue };
@@ -388,7 +389,7 @@ impl<'a> Path<'a> {
                     true => (Vec3::ZERO, self.cut),
                     false => (self.differences::<C, U>(along, frame.thresholds[surface]), None),
                 };
-                self.lit_by((&frame.surface_lighting, cut), along, Vec3::from(look.color), differences)
+                self.lit_by(&frame.surface_lighting, cut, along, Vec3::from(look.color), differences)
                     .extend(look.opacity)
             },
         )
@@ -400,13 +401,14 @@ impl<'a> Path<'a> {
     }
 
     fn lit(&self, along: f32, color: Vec3, differences: Vec3) -> Vec3 {
-        self.lit_by((self.lighting(), self.cut), along, color, differences)
+        self.lit_by(self.lighting(), self.cut, along, color, differences)
     }
 
     /// A colour lit at a place; behind a cut, the cut's normal lights its surroundings.
     fn lit_by(
         &self,
-        (lighting, cut): (&Lighting, Option<(CutFace, f64)>),
+        lighting: &Lighting,
+        cut: Option<(CutFace, f64)>,
         along: f32,
         color: Vec3,
         differences: Vec3,

@@ -46,7 +46,7 @@ impl Shaded {
 /// The squared differences at the packet's place `i` less the least square that is not flat there, in codes: negative
 /// where they are flat, or mere rounding ([`FLAT_SHARE`]).
 #[inline(always)]
-fn slope_of(differences: &[Packet; 3], (code, flat_codes): (&Packet, f32), i: usize) -> f32 {
+fn slope_of(differences: &[Packet; 3], code: &Packet, flat_codes: f32, i: usize) -> f32 {
     let [x, y, z] = [differences[0][i], differences[1][i], differences[2][i]];
     let least = FLAT_SHARE as f32 * code[i];
     let (of_rounding, of_codes) = (least * least, flat_codes * flat_codes);
@@ -60,7 +60,8 @@ impl<'a> Shade<'a> {
     #[inline(always)]
     pub(crate) fn new(
         lighting: &'a Lighting,
-        (world_from_differences, flat_codes): (Mat3, f32),
+        world_from_differences: Mat3,
+        flat_codes: f32,
         eye: DVec3,
         view: DVec3,
         cut: Option<(CutFace, f64)>,
@@ -88,15 +89,15 @@ impl<'a> Shade<'a> {
 
     /// Computes the lighting of places with these differences of codes, at these distances along the ray.
     #[inline(always)]
-    pub(crate) fn packet(&self, differences: &[Packet; 3], (distance, code): (&Packet, &Packet), shaded: &mut Shaded) {
+    pub(crate) fn packet(&self, differences: &[Packet; 3], distance: &Packet, code: &Packet, shaded: &mut Shaded) {
         let (mut normal, mut to_eye) = ([[0.0; LANES]; 3], [0.0; LANES]);
         self.normals(differences, &mut normal, &mut to_eye);
         let mut slope = [0.0; LANES];
         for i in 0..LANES {
-            slope[i] = slope_of(differences, (code, self.flat_codes), i);
+            slope[i] = slope_of(differences, code, self.flat_codes, i);
         }
         if let Some(cut) = &self.cut {
-            self.turn(cut, distance, (&mut normal, &mut to_eye, &mut slope));
+            self.turn(cut, distance, &mut normal, &mut to_eye, &mut slope);
         }
         let (mut diffuse, mut specular, mut facing) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
         if self.lighting.lights.is_empty() {
@@ -112,7 +113,7 @@ impl<'a> Shade<'a> {
             facing = [-1.0; LANES];
             for light in &self.lighting.lights {
                 let light = (*light - self.eye).as_vec3();
-                self.add_light(light, (&normal, &to_eye), distance, (&mut diffuse, &mut specular, &mut facing));
+                self.add_light(light, &normal, &to_eye, distance, [&mut diffuse, &mut specular, &mut facing]);
             }
         }
         for i in 0..LANES {
@@ -162,12 +163,7 @@ impl<'a> Shade<'a> {
 
     /// Mixes the normals of places just behind a cut with the cut's own: the twin of [`CutFace::mixed`].
     #[inline(always)]
-    fn turn(
-        &self,
-        cut: &Cut,
-        distance: &Packet,
-        (normal, to_eye, slope): (&mut [Packet; 3], &mut Packet, &mut Packet),
-    ) {
+    fn turn(&self, cut: &Cut, distance: &Packet, normal: &mut [Packet; 3], to_eye: &mut Packet, slope: &mut Packet) {
         for i in 0..LANES {
             let share = CutFace::share(f64::from((distance[i] - cut.entry) * cut.voxels_per_distance)) as f32;
             if share > 0.0 {
@@ -187,9 +183,10 @@ impl<'a> Shade<'a> {
     fn add_light(
         &self,
         light: Vec3,
-        (normal, to_eye): (&[Packet; 3], &Packet),
+        normal: &[Packet; 3],
+        to_eye: &Packet,
         distance: &Packet,
-        (diffuse, specular, facing): (&mut Packet, &mut Packet, &mut Packet),
+        [diffuse, specular, facing]: [&mut Packet; 3],
     ) {
         let view = self.view;
         for i in 0..LANES {
@@ -252,14 +249,14 @@ mod tests {
             if model == LightingModel::None {
                 continue;
             }
-            let shade = Shade::new(&lighting, (axes, FLAT_CODES as f32), eye, view, None);
+            let shade = Shade::new(&lighting, axes, FLAT_CODES as f32, eye, view, None);
             for _ in 0..200 {
                 let mut differences = [[0.0; LANES]; 3];
                 differences.as_flattened_mut().iter_mut().for_each(|v| *v = 200.0 * noise());
                 differences.iter_mut().for_each(|axis| axis[3] = 0.005);
                 let distance = [7.0; LANES];
                 let mut shaded = Shaded::EMPTY;
-                shade.packet(&differences, (&distance, &[0.0; LANES]), &mut shaded);
+                shade.packet(&differences, &distance, &[0.0; LANES], &mut shaded);
                 for i in 0..LANES {
                     let gradient = axes * Vec3::new(differences[0][i], differences[1][i], differences[2][i]);
                     let normal = (i != 3).then(|| gradient.as_dvec3().normalize());

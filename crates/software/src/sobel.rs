@@ -67,7 +67,7 @@ impl Brick<'_> {
                 // SAFETY: such are the returned voxels.
                 let (differences, odd) = unsafe { self.shared_sobel::<C>(&voxel, &t) };
                 if C::INVALID && odd > 0.0 {
-                    return self.sampled_differences::<C, U, _>(&SOBEL, (points, middle));
+                    return self.sampled_differences::<C, U, _>(&SOBEL, points, middle);
                 }
                 differences
             },
@@ -94,8 +94,8 @@ impl Brick<'_> {
                 let [mut a, mut b, mut c, mut d] = [[0.0; LANES]; 4];
                 // SAFETY: by the caller's promise these voxels are inside the brick.
                 unsafe {
-                    self.pairs::<C>((voxel, at - 1), [&mut a, &mut b], &mut odd);
-                    self.pairs::<C>((voxel, at + 1), [&mut c, &mut d], &mut odd);
+                    self.pairs::<C>(voxel, at - 1, [&mut a, &mut b], &mut odd);
+                    self.pairs::<C>(voxel, at + 1, [&mut c, &mut d], &mut odd);
                 }
                 line_along[j] = x.difference([&a, &b, &c, &d]);
                 line[j] = x.smoothed([&a, &b, &c, &d]);
