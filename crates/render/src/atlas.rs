@@ -123,10 +123,12 @@ fn texture(
     [width, height, depth_or_array_layers]: [u32; 3],
     format: TextureFormat,
 ) -> Result<wgpu::Texture, GpuError> {
-    let shape = (Extent3d { width, height, depth_or_array_layers }, wgpu::TextureDimension::D3);
+    let size = Extent3d { width, height, depth_or_array_layers };
     let usage = TextureUsages::TEXTURE_BINDING | TextureUsages::COPY_DST;
     let texels = [width, height, depth_or_array_layers].map(u64::from).iter().product::<u64>();
-    gpu.allocate(label, texels * texel_bytes(format), |device| buffers::texture(device, label, shape, format, usage))
+    gpu.allocate(label, texels * texel_bytes(format), |device| {
+        buffers::texture(device, label, size, wgpu::TextureDimension::D3, format, usage)
+    })
 }
 
 fn write(gpu: &Gpu, texture: &wgpu::Texture, [x, y, z]: [u32; 3], edge: u32, texels: &[u8]) {

@@ -67,9 +67,10 @@ impl Blit {
         if self.left.as_ref().is_none_or(|left| left.size() != size) {
             self.left = None;
             let (label, bytes) = ("the left eye", size.width as u64 * size.height as u64 * texel_bytes(DISPLAY_FORMAT));
-            let shape = (size, wgpu::TextureDimension::D2);
             let usage = wgpu::TextureUsages::COPY_DST | wgpu::TextureUsages::TEXTURE_BINDING;
-            let make = |device: &wgpu::Device| buffers::texture(device, label, shape, DISPLAY_FORMAT, usage);
+            let make = |device: &wgpu::Device| {
+                buffers::texture(device, label, size, wgpu::TextureDimension::D2, DISPLAY_FORMAT, usage)
+            };
             self.left = Some(gpu.allocate(label, bytes, make)?);
         }
         if let Some(left) = &self.left {
@@ -80,13 +81,12 @@ impl Blit {
     }
 
     /// Creates a target's pipeline unless it exists.
-    fn make_ready(&mut self, gpu: &Gpu, wanted: (TextureFormat, Option<StereoLayout>)) -> Result<(), GpuError> {
-        if !self.pipelines.contains_key(&wanted) {
-            let (format, stereo) = wanted;
+    fn make_ready(&mut self, gpu: &Gpu, format: TextureFormat, stereo: Option<StereoLayout>) -> Result<(), GpuError> {
+        if !self.pipelines.contains_key(&(format, stereo)) {
             let (source, entries) = (blit(stereo, format.is_srgb()), ["stretched", "blit"]);
             let make = || pipeline(gpu, &source, &[&self.layout], entries, Shape::default(), &[format.into()]);
             let made = gpu.guarded(make)?;
-            self.pipelines.insert(wanted, made);
+            self.pipelines.insert((format, stereo), made);
         }
         Ok(())
     }
@@ -98,12 +98,12 @@ impl Blit {
     pub(crate) fn record(
         &mut self,
         gpu: &Gpu,
-        (targets, stereo): (&Targets, Option<StereoLayout>),
+        targets: &Targets,
+        stereo: Option<StereoLayout>,
         target: &Target<'_>,
         encoder: &mut wgpu::CommandEncoder,
     ) -> Result<(), GpuError> {
-        let wanted = (target.format, stereo);
-        self.make_ready(gpu, wanted)?;
+        self.make_ready(gpu, target.format, stereo)?;
         let left = self.left.as_ref().filter(|_| stereo.is_some()).unwrap_or(&targets.display);
         let left = left.create_view(&Default::default());
         let entries = [
@@ -117,7 +117,7 @@ impl Blit {
         if let Some([x, y, width, height]) = target.area_px {
             pass.set_viewport(x as f32, y as f32, width as f32, height as f32, 0.0, 1.0);
         }
-        draw_over_all(&mut pass, &self.pipelines[&wanted], &bindings);
+        draw_over_all(&mut pass, &self.pipelines[&(target.format, stereo)], &bindings);
         Ok(())
     }
 }

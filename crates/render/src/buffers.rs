@@ -16,11 +16,7 @@ pub(crate) struct SharedBuffers {
 }
 
 impl SharedBuffers {
-    pub(crate) fn new(
-        gpu: &Gpu,
-        (frame_bytes, table_bytes): (u64, u64),
-        has_gradients: bool,
-    ) -> Result<Self, GpuError> {
+    pub(crate) fn new(gpu: &Gpu, frame_bytes: u64, table_bytes: u64, has_gradients: bool) -> Result<Self, GpuError> {
         gpu.allocate("the transfer table", table_bytes, |device| {
             let timestamps = gpu.report.timestamps.then(|| {
                 let descriptor = wgpu::QuerySetDescriptor { label: None, ty: wgpu::QueryType::Timestamp, count: 2 };
@@ -57,7 +53,8 @@ pub(crate) fn entry(binding: u32, resource: BindingResource<'_>) -> wgpu::BindGr
 pub(crate) fn texture(
     device: &wgpu::Device,
     label: &str,
-    (size, dimension): (wgpu::Extent3d, wgpu::TextureDimension),
+    size: wgpu::Extent3d,
+    dimension: wgpu::TextureDimension,
     format: wgpu::TextureFormat,
     usage: wgpu::TextureUsages,
 ) -> wgpu::Texture {

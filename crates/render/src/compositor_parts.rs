@@ -56,8 +56,8 @@ impl CompositorParts {
         let Common { shared, layers, pools, ends, memory, has_gradients, meshes } = common;
         let layouts = Layouts::new(gpu, compositor, pools, has_gradients);
         let march = match compositor {
-            Compositor::Sorted => March::Sorted(Sorted::new(gpu, &layouts, shared, (layers, pools))?),
-            _ => March::Raycast(Raycast::new(gpu, &layouts, shared, (layers, pools), (ends, memory))?),
+            Compositor::Sorted => March::Sorted(Sorted::new(gpu, &layouts, shared, layers, pools)?),
+            _ => March::Raycast(Raycast::new(gpu, &layouts, shared, layers, pools, ends, memory)?),
         };
         let maker = Maker { gpu: gpu.clone(), compositor, layouts: layouts.clone(), meshes };
         Ok(Self { compositor, layouts, march, pipelines: Pipelines::kept_or_new(kept, maker) })

@@ -97,7 +97,8 @@ impl<'a> Framed<'a> {
 /// depth of a projection's opacity.
 pub(crate) fn frame_uniform(
     framed: &Framed<'_>,
-    (atlas, apron): (&Atlas, u32),
+    atlas: &Atlas,
+    apron: u32,
     table: TableInUse,
     most_depth: f64,
 ) -> FrameUniform {

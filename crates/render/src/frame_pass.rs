@@ -66,7 +66,7 @@ impl GpuRenderer {
     /// do not share their cells, or the device fails; also if an expression is combined with isosurfaces, transfer
     /// functions over gradients, another mode than direct volume rendering, or another method than plain sampling.
     pub fn render(&mut self, layers: &[Layer<'_>], combination: Option<&Combination>) -> Result<Picture, GpuError> {
-        self.gpu.clone().scoped(|| self.all_drawn(layers, combination, (None, true))?.finish())
+        self.gpu.clone().scoped(|| self.all_drawn(layers, combination, None, true)?.finish())
     }
 
     /// Begins a picture and draws all its lists, slab by slab; without meshes, `rows` may limit it. `waits`: whether
@@ -75,7 +75,8 @@ impl GpuRenderer {
         &'a mut self,
         layers: &[Layer<'a>],
         combination: Option<&Combination>,
-        (rows, waits): (Option<Range<u32>>, bool),
+        rows: Option<Range<u32>>,
+        waits: bool,
     ) -> Result<Passes<'a>, GpuError> {
         let draws: Vec<&DrawList> = layers.iter().map(|layer| layer.draw).collect();
         let mut passes = self.begin(layers.iter().map(Framed::of).collect(), combination, waits)?;
@@ -165,7 +166,7 @@ impl GpuRenderer {
             self.layers[framed.number].check(framed)?;
         }
         let first_place = self.combined_part.map(|part| part.first(size_of::<[u32; 2]>()));
-        Course::new((&self.layers, &self.pools), framed, (combination, first_place), self.compositor())
+        Course::new(&self.layers, &self.pools, framed, combination, first_place, self.compositor())
     }
 
     fn make_ready(&mut self, course: &Course, frame: &FrameSettings) -> Result<(), GpuError> {
@@ -186,11 +187,11 @@ impl GpuRenderer {
             .iter()
             .try_for_each(|wanted| parts.pipelines.need(wanted))
             .map_err(|error| gpu.reason(error))?;
-        let wanted = (course.gather(), course.is_joined());
-        if !targets.as_ref().is_some_and(|targets| targets.suit(wanted, size_px)) {
+        let (gather, has_sums) = (course.gather(), course.is_joined());
+        if !targets.as_ref().is_some_and(|targets| targets.suit(gather, has_sums, size_px)) {
             // The old targets go first: both together would exceed the budget.
             *targets = None;
-            *targets = Some(Targets::new(gpu, wanted, compositor, size_px)?);
+            *targets = Some(Targets::new(gpu, gather, has_sums, compositor, size_px)?);
         }
         Ok(())
     }
@@ -212,7 +213,7 @@ impl GpuRenderer {
         };
         for (framed, part) in framed.iter().zip(places) {
             let layer = &mut layers[framed.number];
-            layer.set_table(gpu, shared, rays, (&framed.settings.table, Places::of(framed.settings.mode)));
+            layer.set_table(gpu, shared, rays, &framed.settings.table, Places::of(framed.settings.mode));
             write(part, layer, framed);
         }
         if let Some(meshes) = meshes {
@@ -233,7 +234,7 @@ impl GpuRenderer {
         match (&mut self.meshes, &mut self.peeled) {
             (Some(meshes), Some(peeled)) if !frame.meshes.is_empty() => {
                 peeled.clear(&self.gpu);
-                let may_follow = meshes.peel(&self.gpu, frame, peeled, (0, waits))?;
+                let may_follow = meshes.peel(&self.gpu, frame, peeled, 0, waits)?;
                 Ok(if may_follow { Next::Slab } else { Next::End })
             }
             _ => Ok(Next::Picture),
@@ -295,7 +296,7 @@ impl Passes<'_> {
             (March::Sorted(sorted), Pipeline::Render(pipeline)) => {
                 let drawn = |i: usize| (draws[i], self.framed[i].pyramid, self.pool(i));
                 let boxes = Boxes::new(&marched.map(drawn).collect::<Vec<_>>())?;
-                sorted.draw(gpu, (&gathering, pipeline), sorted.bindings.of(layer), &boxes, is_first)
+                sorted.draw(gpu, &gathering, pipeline, sorted.bindings.of(layer), &boxes, is_first)
             }
             (March::Raycast(raycast), pipeline) if is_first => {
                 let trees: Vec<_> = marched.map(|i| self.tree(i, draws[i])).collect();
@@ -385,8 +386,8 @@ impl Passes<'_> {
         };
         peeled.turn();
         // Where rays met nothing more, the volume behind the found layers is still to come.
-        let number = (self.slabs + 1, self.waits);
-        self.next = if meshes.peel(gpu, self.framed[0].settings, peeled, number)? { Next::Slab } else { Next::End };
+        let may_follow = meshes.peel(gpu, self.framed[0].settings, peeled, self.slabs + 1, self.waits)?;
+        self.next = if may_follow { Next::Slab } else { Next::End };
         (self.lists, self.slabs) = (0, self.slabs + 1);
         Ok(true)
     }
@@ -434,11 +435,11 @@ impl Passes<'_> {
         let sheet = answers.take_sheet();
         if let Some(sheet) = &sheet {
             shared.take_timestamps(&mut encoder, sheet);
-            meshes.iter().for_each(|meshes| meshes.take_counts(&mut encoder, peeled, (sheet, COUNTS_AT)));
+            meshes.iter().for_each(|meshes| meshes.take_counts(&mut encoder, peeled, sheet, COUNTS_AT));
         }
         if let (Some(cells), March::Raycast(raycast)) = (&marked, &parts.march) {
             let cells = cells.iter().map(|(_, cells)| cells).sum();
-            raycast.take_marks(&mut encoder, cells, sheet.as_ref().map(|sheet| (sheet, MARKS_AT)));
+            raycast.take_marks(&mut encoder, cells, sheet.as_ref(), MARKS_AT);
         }
         let submission = gpu.queue.submit([encoder.finish()]);
         let is_asked = sheet.is_some();

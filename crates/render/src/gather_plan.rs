@@ -52,9 +52,11 @@ impl Course {
     /// combined with isosurfaces, transfer functions over gradients, another mode than direct volume rendering, or
     /// another method than plain sampling.
     pub(crate) fn new(
-        (layers, pools): (&[GpuLayer], &[Pool]),
+        layers: &[GpuLayer],
+        pools: &[Pool],
         framed: &[Framed<'_>],
-        (combination, first_place): (Option<&Combination>, Option<u32>),
+        combination: Option<&Combination>,
+        first_place: Option<u32>,
         compositor: Compositor,
     ) -> Result<Self, GpuError> {
         let is_projected = !gather_of(framed[0].settings).occludes();
@@ -87,7 +89,7 @@ impl Course {
                         return Err(GpuError::Mismatch("this renderer was made without room for expressions".into()));
                     }
                 };
-                Ok(Self::Joint(Shader::Joint(joint((layers, pools), all, expression))))
+                Ok(Self::Joint(Shader::Joint(joint(layers, pools, all, expression))))
             }
         }
     }
@@ -157,7 +159,8 @@ fn expression(
 }
 
 fn joint(
-    (layers, pools): (&[GpuLayer], &[Pool]),
+    layers: &[GpuLayer],
+    pools: &[Pool],
     framed: &[Framed<'_>],
     expression: Option<ExpressionShader>,
 ) -> JointVariant {

@@ -60,7 +60,8 @@ impl GpuLayer {
         gpu: &Gpu,
         shared: &SharedBuffers,
         rays: Option<&RayBuffers>,
-        (wanted, holds): (&Arc<TransferTable>, Places),
+        wanted: &Arc<TransferTable>,
+        holds: Places,
     ) {
         let is_wanted = |table: &Arc<TransferTable>| Arc::ptr_eq(table, wanted) || table == wanted;
         if self.table.as_ref().is_some_and(|(table, held)| *held == holds && is_wanted(table)) {
@@ -88,7 +89,7 @@ impl GpuLayer {
         let table = TableInUse { sum_unit: self.sum_unit, counts_per_code, mask_at, grid_at };
         // Sums of half floats must stay finite.
         let most_depth = if composite == TextureFormat::Rgba32Float { 1e30 } else { 1024.0 };
-        frame_uniform(framed, (&pool.atlas, pool.apron()), table, most_depth)
+        frame_uniform(framed, &pool.atlas, pool.apron(), table, most_depth)
     }
 
     /// Describes this layer for a shader of several layers, with or without an expression over them. `ranges` is the

@@ -91,7 +91,8 @@ impl MarchBindings {
         gpu: &Gpu,
         layouts: &Layouts,
         shared: &SharedBuffers,
-        (layers, pools): (&[GpuLayer], &[Pool]),
+        layers: &[GpuLayer],
+        pools: &[Pool],
         own: impl Fn(Option<(&GpuLayer, &Pool)>) -> Vec<wgpu::BindGroupEntry<'a>>,
     ) -> Self {
         let of = |layer: &GpuLayer| {
@@ -165,7 +166,7 @@ impl Gathering<'_> {
         let PixelRect { x0, x1, .. } = self.rect;
         let most = (PIXELS_PER_SUBMISSION / layers / (x1 - x0).max(1)).max(1);
         match pipeline {
-            Pipeline::Render(pipeline) => self.by_rows(gpu, (most, 1), |band| {
+            Pipeline::Render(pipeline) => self.by_rows(gpu, most, 1, |band| {
                 self.draw(gpu, pipeline, bindings, band.is_first, |pass| {
                     pass.set_scissor_rect(x0, band.top, x1 - x0, band.rows);
                     pass.draw(0..3, 0..1);
@@ -173,7 +174,7 @@ impl Gathering<'_> {
             }),
             // Whole workgroups.
             Pipeline::Compute(pipeline) => {
-                self.by_rows(gpu, (most, WORKGROUP_PX), |band| self.dispatch(gpu, pipeline, bindings, &band))
+                self.by_rows(gpu, most, WORKGROUP_PX, |band| self.dispatch(gpu, pipeline, bindings, &band))
             }
         }
     }
@@ -186,7 +187,8 @@ impl Gathering<'_> {
     pub(crate) fn by_rows(
         &self,
         gpu: &Gpu,
-        (most, unit): (u32, u32),
+        most: u32,
+        unit: u32,
         mut submit: impl FnMut(Band) -> wgpu::SubmissionIndex,
     ) -> Result<(), GpuError> {
         let PixelRect { x0, x1, y0: start, y1: end } = self.rect;

@@ -220,7 +220,8 @@ impl Meshes {
         gpu: &Gpu,
         frame: &FrameSettings,
         layers: &Peeled,
-        (number, waits): (u32, bool),
+        number: u32,
+        waits: bool,
     ) -> Result<bool, GpuError> {
         let is_counted = is_counted(frame);
         let query = if waits { 0 } else { number.min(MOST_LAYERS - 1) };
@@ -264,10 +265,10 @@ impl Meshes {
     }
 
     /// Queues the copy of the first `layers` counts to a buffer, from a byte on.
-    pub(crate) fn take_counts(&self, encoder: &mut wgpu::CommandEncoder, layers: u32, to: (&wgpu::Buffer, u64)) {
+    pub(crate) fn take_counts(&self, encoder: &mut wgpu::CommandEncoder, layers: u32, to: &wgpu::Buffer, at: u64) {
         if layers > 0 {
             encoder.resolve_query_set(&self.query, 0..layers, &self.counted, 0);
-            encoder.copy_buffer_to_buffer(&self.counted, 0, to.0, to.1, layers as u64 * COUNT_BYTES);
+            encoder.copy_buffer_to_buffer(&self.counted, 0, to, at, layers as u64 * COUNT_BYTES);
         }
     }
 
@@ -368,10 +369,10 @@ impl Peeled {
         let front_format = gpu.report.formats.composite;
         let pixels = size_px.0 as u64 * size_px.1 as u64;
         let size = wgpu::Extent3d { width: size_px.0, height: size_px.1, depth_or_array_layers: 1 };
-        let shape = (size, wgpu::TextureDimension::D2);
         let usage = TextureUsages::RENDER_ATTACHMENT | TextureUsages::TEXTURE_BINDING;
         let target = |device: &wgpu::Device, format: TextureFormat| {
-            buffers::texture(device, "layer", shape, format, usage).create_view(&Default::default())
+            buffers::texture(device, "layer", size, wgpu::TextureDimension::D2, format, usage)
+                .create_view(&Default::default())
         };
         let all_bytes = mesh_bytes(MeshCapacity { triangles: 1, ..MeshCapacity::NONE }, pixels, front_format);
         let (depths, numbers, color, front) = gpu.allocate("the meshes' layers", all_bytes, |device| {

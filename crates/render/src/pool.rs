@@ -34,7 +34,8 @@ impl Pool {
         gpu: &Gpu,
         needs: VolumeNeeds,
         plan: PoolPlan,
-        (batch, batches): (u64, u64),
+        batch: u64,
+        batches: u64,
         ranges: Part,
     ) -> Result<Self, GpuError> {
         let codes = needs.encoding.format;

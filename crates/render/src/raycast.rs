@@ -33,8 +33,10 @@ impl Raycast {
         gpu: &Gpu,
         layouts: &Layouts,
         shared: &SharedBuffers,
-        slots: (&[GpuLayer], &[Pool]),
-        (ends, memory): (&Ends, &MemoryPlan),
+        layers: &[GpuLayer],
+        pools: &[Pool],
+        ends: &Ends,
+        memory: &MemoryPlan,
     ) -> Result<Self, GpuError> {
         let [nodes, bricks, marks] = memory.list_bytes();
         let sizes = [
@@ -51,7 +53,7 @@ impl Raycast {
             gpu.allocate("the octrees and the macro-cells", total, make)?;
         let buffers = RayBuffers { nodes, bricks, ranges, opaque_before, marks };
         let own = |layer: Option<(&GpuLayer, &Pool)>| buffers.entries(gpu, shared, layer);
-        let bindings = MarchBindings::new(gpu, layouts, shared, slots, own);
+        let bindings = MarchBindings::new(gpu, layouts, shared, layers, pools, own);
         Ok(Self { buffers, bindings })
     }
 
@@ -85,9 +87,10 @@ impl Raycast {
         &self,
         encoder: &mut wgpu::CommandEncoder,
         count: usize,
-        to: Option<(&wgpu::Buffer, u64)>,
+        to: Option<&wgpu::Buffer>,
+        at: u64,
     ) {
-        if let Some((buffer, at)) = to.filter(|_| count > 0) {
+        if let Some(buffer) = to.filter(|_| count > 0) {
             let bytes = (count * size_of::<u32>()) as u64;
             encoder.copy_buffer_to_buffer(&self.buffers.marks, 0, buffer, at, bytes);
         }

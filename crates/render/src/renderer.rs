@@ -272,20 +272,19 @@ impl GpuRenderer {
         let mut pools: Vec<Pool> = Vec::new();
         for layer in &layers {
             if let Some(&plan) = memory.pools.get(pools.len()).filter(|_| layer.pool == pools.len()) {
-                let batches = (memory.batch, memory.batches);
-                pools.push(Pool::new(&gpu, layer.needs, plan, batches, ends.ranges(&plan))?);
+                pools.push(Pool::new(&gpu, layer.needs, plan, memory.batch, memory.batches, ends.ranges(&plan))?);
             }
         }
-        let shared = SharedBuffers::new(&gpu, (ends.frames, ends.table), recipe.has_gradients())?;
+        let shared = SharedBuffers::new(&gpu, ends.frames, ends.table, recipe.has_gradients())?;
         // The largest ones ever needed: a frame is too late to find out that they do not fit.
         let [_, _, marks_bytes] = memory.list_bytes();
-        let largest = (Gather::Composite, layers.len() > 1);
+        let has_sums = layers.len() > 1;
         let last = picture.filter(|last| last.targets.fit(recipe.max_size_px));
         let keeps_picture = last.is_some();
         let LastPicture { targets, blit, reading } = match last {
             Some(last) => last,
             None => LastPicture {
-                targets: Targets::new(&gpu, largest, compositor, recipe.max_size_px)?,
+                targets: Targets::new(&gpu, Gather::Composite, has_sums, compositor, recipe.max_size_px)?,
                 blit: Blit::new(&gpu),
                 reading: None,
             },

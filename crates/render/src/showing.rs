@@ -22,9 +22,7 @@ impl GpuRenderer {
         combination: Option<&Combination>,
         picture: u64,
     ) -> Result<bool, GpuError> {
-        self.gpu
-            .clone()
-            .scoped(|| Ok(self.all_drawn(layers, combination, (None, false))?.end(picture, false)?.is_asked))
+        self.gpu.clone().scoped(|| Ok(self.all_drawn(layers, combination, None, false)?.end(picture, false)?.is_asked))
     }
 
     /// Draws some rows of a picture without meshes, beginning with row 0. The last row ends it and returns the result
@@ -36,11 +34,12 @@ impl GpuRenderer {
         &mut self,
         layers: &[Layer<'_>],
         combination: Option<&Combination>,
-        (picture, rows): (u64, Range<u32>),
+        picture: u64,
+        rows: Range<u32>,
     ) -> Result<Option<bool>, GpuError> {
         let is_last = layers.first().is_none_or(|layer| rows.end >= layer.frame.settings.rays.height);
         self.gpu.clone().scoped(|| {
-            let mut passes = self.all_drawn(layers, combination, (Some(rows), false))?;
+            let mut passes = self.all_drawn(layers, combination, Some(rows), false)?;
             Ok(if is_last { Some(passes.end(picture, false)?.is_asked) } else { None })
         })
     }
@@ -81,7 +80,7 @@ impl GpuRenderer {
     ) -> Result<(), GpuError> {
         let Self { gpu, targets, blit, .. } = self;
         let targets = targets.as_ref().ok_or_else(no_target)?;
-        gpu.scoped(|| blit.record(gpu, (targets, stereo), target, encoder))
+        gpu.scoped(|| blit.record(gpu, targets, stereo, target, encoder))
     }
 
     /// Requests the pixels of the last drawn picture for [`GpuRenderer::picture`]. Returns false, and does nothing,

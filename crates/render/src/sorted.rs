@@ -88,7 +88,8 @@ impl Sorted {
         gpu: &Gpu,
         layouts: &Layouts,
         shared: &SharedBuffers,
-        slots: (&[GpuLayer], &[Pool]),
+        layers: &[GpuLayer],
+        pools: &[Pool],
     ) -> Result<Self, GpuError> {
         let sizes = [("cells", size_of::<CellInstance>()), ("cells' bricks", size_of::<CellBrick>())];
         let sizes = sizes.map(|(label, bytes)| (label, (CELLS_PER_SUBMISSION * bytes) as u64));
@@ -105,7 +106,7 @@ impl Sorted {
                 entry(bindings::CELL_BRICKS, bricks.as_entire_binding()),
             ]
         };
-        let bindings = MarchBindings::new(gpu, layouts, shared, slots, own);
+        let bindings = MarchBindings::new(gpu, layouts, shared, layers, pools, own);
         Ok(Self { cells, bricks, bindings })
     }
 
@@ -117,7 +118,8 @@ impl Sorted {
     pub(crate) fn draw(
         &self,
         gpu: &Gpu,
-        (gathering, pipeline): (&Gathering<'_>, &wgpu::RenderPipeline),
+        gathering: &Gathering<'_>,
+        pipeline: &wgpu::RenderPipeline,
         bindings: &wgpu::BindGroup,
         boxes: &Boxes,
         is_first: bool,
@@ -131,7 +133,7 @@ impl Sorted {
             gpu.queue.write_buffer(&self.cells, 0, bytemuck::cast_slice(cells));
             gpu.queue.write_buffer(&self.bricks, 0, bytemuck::cast_slice(bricks));
             let PixelRect { x0, x1, y0, y1 } = gathering.rect;
-            gathering.by_rows(gpu, (y1 - y0, 1), |band| {
+            gathering.by_rows(gpu, y1 - y0, 1, |band| {
                 gathering.draw(gpu, pipeline, bindings, is_first && chunk == 0 && band.is_first, |pass| {
                     pass.set_scissor_rect(x0, band.top, x1 - x0, band.rows);
                     pass.draw(0..14, 0..cells.len() as u32);

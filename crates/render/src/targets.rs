@@ -42,13 +42,15 @@ impl Targets {
     /// Creates targets for pictures of a size. `has_sums`: whether projections of several layers are joined.
     pub(crate) fn new(
         gpu: &Gpu,
-        (gather, has_sums): (Gather, bool),
+        gather: Gather,
+        has_sums: bool,
         compositor: Compositor,
         (width_px, height_px): (u32, u32),
     ) -> Result<Self, GpuError> {
         let size = Extent3d { width: width_px, height: height_px, depth_or_array_layers: 1 };
-        let shape = (size, wgpu::TextureDimension::D2);
-        let texture = |device: &wgpu::Device, format, usage| buffers::texture(device, "target", shape, format, usage);
+        let texture = |device: &wgpu::Device, format, usage| {
+            buffers::texture(device, "target", size, wgpu::TextureDimension::D2, format, usage)
+        };
         let (formats, format) = (&gpu.report.formats, gather_format(gather, compositor, &gpu.report.formats));
         let pixels = width_px as u64 * height_px as u64;
         let rows_bytes = read_back_row_bytes(width_px) * height_px as u64;
@@ -74,7 +76,7 @@ impl Targets {
         })
     }
 
-    pub(crate) fn suit(&self, (gather, has_sums): (Gather, bool), size_px: (u32, u32)) -> bool {
+    pub(crate) fn suit(&self, gather: Gather, has_sums: bool, size_px: (u32, u32)) -> bool {
         (self.gather, self.sums.is_some(), self.width_px, self.height_px) == (gather, has_sums, size_px.0, size_px.1)
     }
 

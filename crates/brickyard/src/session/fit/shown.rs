@@ -63,7 +63,7 @@ impl Fit {
             let (layers, combination) = (drawn(own, scene, eye), scene.combination.as_ref());
             let is_asked = match of_eye {
                 None => gpu.show(&layers, combination, shown.pictures)?,
-                Some(rows) => match gpu.show_rows(&layers, combination, (shown.pictures, rows))? {
+                Some(rows) => match gpu.show_rows(&layers, combination, shown.pictures, rows)? {
                     Some(is_asked) => is_asked,
                     None => return Ok(false),
                 },
