@@ -19,10 +19,11 @@ use std::path::{Path, PathBuf};
 /// A second pyramid's multiscale is in `attributes.brickyard`, since some readers of `attributes.ome` do not stop at
 /// the first one.
 pub fn root_document(layout: &Layout, geometry: &Geometry, info: &StoreInfo) -> Value {
+    let (step, start) = time::step_and_start(info.time.as_ref());
     let multiscale = |layout: &Layout, method: Downsample| {
         json!([{
             "axes": axes(layout, geometry, time::unit(info.time.as_ref())),
-            "datasets": datasets(layout, geometry, time::step_and_start(info.time.as_ref())),
+            "datasets": datasets(layout, geometry, step, start),
             "type": method.name(),
         }])
     };
@@ -57,7 +58,7 @@ fn axes(layout: &Layout, geometry: &Geometry, time_unit: Option<&str>) -> Value 
     layout.axes().into_iter().map(axis).collect()
 }
 
-fn datasets(layout: &Layout, geometry: &Geometry, (step, start): (f64, f64)) -> Value {
+fn datasets(layout: &Layout, geometry: &Geometry, step: f64, start: f64) -> Value {
     let dataset = |(k, level): (usize, &LevelGrid)| {
         let (scale, translation) = geometry.level_placement(level.factor);
         json!({

@@ -103,7 +103,7 @@ impl<'a> Output<'a> {
             if decide(disk, &store, exists, settings)? != Some((step, dir.clone())) {
                 continue;
             }
-            if let Some(journal) = prepare(disk, &store, &dir, step, &lock, (settings, shards))? {
+            if let Some(journal) = prepare(disk, &store, &dir, step, &lock, settings, shards)? {
                 made.iter().try_for_each(|dir| disk.sync_dir(parent(dir)))?;
                 if let Some(replaced) = &replaced {
                     replaced.declare(disk)?;
@@ -137,7 +137,8 @@ fn prepare<'a>(
     dir: &Path,
     step: Step,
     lock: &DirLock,
-    (settings, shards): (&Value, u64),
+    settings: &Value,
+    shards: u64,
 ) -> Result<Option<Journal<'a>>, PackError> {
     let replaces = match find(store)? {
         Found::Store(theirs) if dir != store => Some(theirs),

@@ -129,7 +129,7 @@ impl<'a, T: Measure> BrickPages<'a, T> {
             stage.first = if is_last { 0 } else { z + 1 };
             let coarser: Vec<usize> = self.plan.coarser(s).map(|(coarser, _)| coarser).collect();
             coarser.iter().for_each(|&coarser| self.join(s, z, &layer, coarser));
-            self.stages[s].finish(z, layer, volume, self.plan.stages[s].level, (&mut self.files, out));
+            self.stages[s].finish(z, layer, volume, self.plan.stages[s].level, &mut self.files, out);
             coarser.iter().for_each(|&coarser| self.advance(coarser, volume, out));
             if is_last {
                 return;
@@ -161,7 +161,8 @@ impl<T: Measure> StagePages<T> {
         layer: Layer<T>,
         (time, channel): (u32, u32),
         level: Level,
-        (files, out): (&mut PageFiles, &mut Vec<PageFile>),
+        files: &mut PageFiles,
+        out: &mut Vec<PageFile>,
     ) {
         self.finished.push(layer);
         let paging = self.ranges.paging();
