@@ -193,7 +193,7 @@ impl DicomSeries {
         let mut slices = Vec::new();
         for (file, (header, frames)) in files.iter().enumerate() {
             for frame in 0..frames.count() {
-                slices.push(find_slice((header, frames), file, frame, options)?);
+                slices.push(find_slice(header, frames, file, frame, options)?);
             }
         }
         let paths: Vec<PathBuf> = files.iter().map(|(header, _)| header.path.clone()).collect();
@@ -291,7 +291,7 @@ fn check_frames(header: &Header, count: u64) -> Result<()> {
     Ok(())
 }
 
-fn find_slice((header, frames): (&Header, &Frames), file: usize, frame: usize, options: &OpenOptions) -> Result<Slice> {
+fn find_slice(header: &Header, frames: &Frames, file: usize, frame: usize, options: &OpenOptions) -> Result<Slice> {
     let need = |tag, name: &str, count: usize, help: &str| {
         let found = header.numbers(frame, tag);
         found.clone().filter(|numbers| numbers.len() == count).ok_or_else(|| {

@@ -102,7 +102,7 @@ impl Series {
             check_unit(&file.info, path, first, &paths[0])?;
             let looks = &file.info.channel_looks;
             match &named {
-                Some((others, other)) => check_channels(looks, path, (others, other))?,
+                Some((others, other)) => check_channels(looks, path, others, other)?,
                 None if looks.iter().any(|look| look.name.is_some()) => named = Some((looks.clone(), path)),
                 None => {}
             }
@@ -264,9 +264,8 @@ fn check_unit(step: &SourceInfo, path: &Path, first: &SourceInfo, first_path: &P
     Err(ImportError::options(path, problem))
 }
 
-/// Checks a step's channel names against the `named` file's, the first with such names, where both have them.
-fn check_channels(looks: &[ChannelLook], path: &Path, named: (&[ChannelLook], &Path)) -> Result<()> {
-    let (other_looks, other_path) = named;
+/// Checks a step's channel names against another file's, the first with such names, where both have them.
+fn check_channels(looks: &[ChannelLook], path: &Path, other_looks: &[ChannelLook], other_path: &Path) -> Result<()> {
     let differs = |(own, other): (&ChannelLook, &ChannelLook)| {
         own.name.as_ref().zip(other.name.as_ref()).is_some_and(|(own, other)| own != other)
     };

@@ -117,7 +117,7 @@ pub(crate) fn open_planes(paths: &[PathBuf], options: &OpenOptions) -> Result<Bo
             first = Some((format, description));
             continue;
         };
-        check_scale(path, &description, (&paths[0], expected), options)?;
+        check_scale(path, &description, &paths[0], expected, options)?;
         let first_path = paths[0].display();
         if description.calibration != expected.calibration {
             let problem = format!(
@@ -170,7 +170,8 @@ fn check_is_no_part(path: &Path, description: &Description) -> Result<()> {
 fn check_scale(
     path: &Path,
     description: &Description,
-    (first_path, first): (&Path, &Description),
+    first_path: &Path,
+    first: &Description,
     options: &OpenOptions,
 ) -> Result<()> {
     // One pixel in a thousand.
