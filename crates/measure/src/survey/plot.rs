@@ -43,8 +43,8 @@ fn draw(svg: &mut String, rows: &[Row], by: Estimator) -> Result<(), Box<dyn std
     let root = SVGBackend::with_string(svg, size).into_drawing_area();
     root.fill(&WHITE)?;
     let panels = root.split_evenly((looks.len().div_ceil(2), columns as usize));
-    for (panel, look) in panels.iter().zip(looks) {
-        draw_panel(panel, rows, by, look)?;
+    for (panel, (lighting, filter)) in panels.iter().zip(looks) {
+        draw_panel(panel, rows, by, lighting, filter)?;
     }
     root.present()?;
     Ok(())
@@ -54,7 +54,8 @@ fn draw_panel(
     panel: &DrawingArea<SVGBackend<'_>, Shift>,
     rows: &[Row],
     by: Estimator,
-    (lighting, filter): (LightingModel, Filter),
+    lighting: LightingModel,
+    filter: Filter,
 ) -> Result<(), Box<dyn std::error::Error>> {
     let rows: Vec<&Row> = rows.iter().filter(|row| (row.lighting, row.filter) == (lighting, filter)).collect();
     let db = |row: &Row| by.db(row).min(MOST_DB);
