@@ -144,7 +144,7 @@ impl Settings {
     ) -> Result<Appender, Failure> {
         let started = Instant::now();
         let info = source.info();
-        let watcher = Watcher::new(info, ("append", self.limits.progress), None, self.interrupt.clone());
+        let watcher = Watcher::new(info, "append", self.limits.progress, None, self.interrupt.clone());
         let of_file = |error: AppendError| {
             if let AppendError::Cancelled { times, .. } = error {
                 let (file, store, steps) = (file.display(), self.store.display(), counted(times.into(), "time step"));

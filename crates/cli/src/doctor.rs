@@ -123,7 +123,7 @@ fn trials_in(path: &std::path::Path) -> Result<Vec<Trial>, Failure> {
         ("cpu", BackendChoice::Cpu, "raycast", CompositorChoice::Raycast),
     ];
     let all = ways.into_iter().map(|(backend, choice, compositor, by)| {
-        let (ok, detail, frame_ms) = trial((choice, by), &store, &scene, &expected);
+        let (ok, detail, frame_ms) = trial(choice, by, &store, &scene, &expected);
         Trial { backend, compositor, ok, detail, frame_ms }
     });
     Ok(all.collect())
@@ -131,7 +131,8 @@ fn trials_in(path: &std::path::Path) -> Result<Vec<Trial>, Failure> {
 
 /// Renders the test picture. Returns whether it matches, the adapter or the reason for a failure, and milliseconds.
 fn trial(
-    (backend, compositor): (BackendChoice, CompositorChoice),
+    backend: BackendChoice,
+    compositor: CompositorChoice,
     store: &Arc<Store>,
     scene: &Scene,
     expected: &Picture,

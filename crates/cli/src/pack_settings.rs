@@ -174,8 +174,7 @@ impl PackSettings {
         let info = source.info();
         let options = self.options(info.voxel_type)?;
         note_uncalibrated(info);
-        let watcher =
-            Watcher::new(info, ("pack", self.limits.progress), Some(options.shard_times), Interrupt::watch()?);
+        let watcher = Watcher::new(info, "pack", self.limits.progress, Some(options.shard_times), Interrupt::watch()?);
         let started = Instant::now();
         let packed = store::pack(source, path, &options, &watcher);
         watcher.finish();
@@ -248,7 +247,8 @@ impl<'a> Watcher<'a> {
     /// `what` names the work in a word.
     pub(crate) fn new(
         info: &'a SourceInfo,
-        (what, style): (&'static str, ProgressStyleArgument),
+        what: &'static str,
+        style: ProgressStyleArgument,
         shard_times: Option<u32>,
         interrupt: Interrupt,
     ) -> Self {
