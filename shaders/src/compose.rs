@@ -20,7 +20,7 @@ pub(crate) const FILES: &[(&str, &str)] = files! {
     "shared":
         "anything" "bricks" "caps" "classify" "colors" "counted" "cut_face" "differences" "dither" "extreme" "field" "frame" "fullscreen" "gathered" "grid"
         "hidden" "jitter" "joint_medium" "kept" "lattice" "light" "lighting" "macrocells" "medium" "neighbour" "no_value" "opaque" "pictures" "projected"
-        "ranks" "ray" "runs" "sampler" "search" "shade" "sight" "sorted" "spline" "sums" "table" "tree" "voxel" "way";
+        "ranks" "ray" "runs" "sampler" "search" "shade" "sight" "sorted" "spline" "sums" "table" "traverse" "tree" "voxel" "way";
     "parts/atlas": "sample" "sample_cubic" "sample_cubic_voxels" "sample_label" "sample_nearest" "sample_nearest_voxel" "sample_voxels";
     "parts/boxes": "box_extremes" "box_none";
     "parts/cast": "cast_joint" "raycast_medium" "raycast_samples" "raycast_surface";

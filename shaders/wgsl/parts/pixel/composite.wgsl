@@ -1,9 +1,6 @@
 // Direct volume rendering: emission and absorption, front to back, premultiplied.
 //!import classify through
 
-// A ray begins where it enters the volume.
-const FIRST_SHARE: f32 = 0.0;
-
 fn accumulate(pixel: Pixel, value: f32, length: f32) -> Pixel {
     let medium = classify(value);
     return add(pixel, medium, medium.color, length);

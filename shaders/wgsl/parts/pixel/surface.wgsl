@@ -2,6 +2,9 @@
 // crate's `surface`.
 //!import cut_face field frame lighting no_value search sight
 
+// A ray begins where it enters the volume.
+const FIRST_SHARE: f32 = 0.0;
+
 struct Pixel {
     // 1 before the surface, then 0.
     transmittance: f32,

@@ -1,6 +1,9 @@
 // A ray's pixel, composited front to back.
 //!import classify frame
 
+// A ray begins where it enters the volume.
+const FIRST_SHARE: f32 = 0.0;
+
 struct Pixel {
     color: vec3f,
     transmittance: f32,
