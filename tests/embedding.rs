@@ -59,6 +59,16 @@ impl Application {
         Some(Self { adapter, device, queue, errors })
     }
 
+    /// The same, if its device has timestamps.
+    fn with_timestamps() -> Option<Self> {
+        let app = Self::new()?;
+        if !app.device.features().contains(wgpu::Features::TIMESTAMP_QUERY) {
+            leave_out("gpu", "no compositor was tried: the device has no timestamps");
+            return None;
+        }
+        Some(app)
+    }
+
     fn gpu(&self) -> Gpu {
         Gpu::from_device(&self.adapter, self.device.clone(), self.queue.clone()).expect("it has what is required")
     }
@@ -483,14 +493,10 @@ fn late_answers_are_of_the_frame_that_they_were_asked_of() {
     assert!(wanted.iter().all(|&wanted| (wanted as u64) < all / 2), "what is hidden is wanted: {wanted:?} of {all}");
 }
 
-/// A GPU's compositors are tried by the first frames, on their way, and the picture is the same before and after; where `sorted` has no
-/// order rays draw; and what rays told of a scene is not awaited from `sorted`.
+/// A GPU's compositors are tried by the first frames, on their way, and the winner's later pictures are the same.
 #[test]
 fn both_compositors_are_tried_and_the_faster_one_is_kept() {
-    let (Some(app), store) = (Application::new(), store()) else { return };
-    if !app.device.features().contains(wgpu::Features::TIMESTAMP_QUERY) {
-        return;
-    }
+    let (Some(app), store) = (Application::with_timestamps(), store()) else { return };
     let texture = app.texture(FORMAT, SIZE);
     let view = texture.create_view(&Default::default());
     let target = whole(&view);
@@ -528,10 +534,7 @@ fn both_compositors_are_tried_and_the_faster_one_is_kept() {
 /// While `sorted` draws, scenes without an order for it are drawn by rays, and all of them settle, in any order.
 #[test]
 fn scenes_without_an_order_are_drawn_by_rays() {
-    let (Some(app), store) = (Application::new(), store()) else { return };
-    if !app.device.features().contains(wgpu::Features::TIMESTAMP_QUERY) {
-        return;
-    }
+    let (Some(app), store) = (Application::with_timestamps(), store()) else { return };
     let texture = app.texture(FORMAT, SIZE);
     let view = texture.create_view(&Default::default());
     let options = SessionOptions {

@@ -100,7 +100,7 @@ pub struct GpuRenderer {
 #[derive(Debug)]
 pub struct Compiled {
     gpu: Gpu,
-    /// Those of each compositor.
+    /// The pipelines compiled for each compositor.
     pipelines: Vec<Pipelines>,
     picture: Option<LastPicture>,
 }

@@ -124,10 +124,11 @@ impl Session {
             return Ok(Drawn::Nothing);
         }
         self.shown = None;
-        if rows.is_none() && self.is_to_be_compared(frame) {
-            self.compare(&frame.scene)?;
-        }
+        let compares = rows.is_none() && self.is_to_be_compared(frame);
         let Some(fit) = &mut self.fit else { return Err(SessionError::Superseded) };
+        if compares && let Some(picture) = fit.show_by(Compositor::Raycast, &frame.scene)? {
+            self.device.trial.ask(picture);
+        }
         // Where `sorted` draws, which tells nothing, the pagers would wait for what `raycast` told of a scene before.
         let may_sort = self.device.trial.winner() != Some(Compositor::Raycast);
         let tells = self.options.live && !(may_sort && fit.backend.as_gpu().is_some_and(|gpu| gpu.switches()));
@@ -142,33 +143,28 @@ impl Session {
     /// Takes the times of pictures into the device's trial, and has a renderer with two compositors draw a scene by the
     /// faster one: by `sorted` while that is unknown, and by `raycast` if `sorted` has no order for the scene.
     fn choose_compositor(&mut self, scene: &ResolvedScene) {
-        let has_order = self.has_order(scene);
         let Self { fit: Some(fit), device: Device { trial, .. }, .. } = self else { return };
         let times_ms = std::mem::take(&mut fit.shown.times_ms);
-        let Some(gpu) = fit.backend.as_gpu().filter(|gpu| gpu.switches()) else { return };
+        if fit.backend.as_gpu().is_none_or(|gpu| !gpu.switches()) {
+            return;
+        }
         let was_open = trial.winner().is_none();
         times_ms.into_iter().for_each(|(picture, ms)| trial.hear(picture, ms));
-        let winner = trial.winner().unwrap_or(Compositor::Sorted);
-        gpu.set_compositor(if has_order { winner } else { Compositor::Raycast });
         if was_open {
             fit.backend_line.push_str(&trial.outcome());
         }
+        let winner = trial.winner().unwrap_or(Compositor::Sorted);
+        let compositor = if self.has_order(scene) { winner } else { Compositor::Raycast };
+        self.fit.iter_mut().filter_map(|fit| fit.backend.as_gpu()).for_each(|gpu| _ = gpu.set_compositor(compositor));
     }
 
     /// Whether both compositors shall draw a frame: its bricks are all there, and the device's trial goes on.
-    fn is_to_be_compared(&self, Frame { scene, status, .. }: &Frame) -> bool {
+    fn is_to_be_compared(&mut self, Frame { scene, status, .. }: &Frame) -> bool {
         let is_plain = scene.stereo.is_none() && scene.layers[0].frames[0].settings.meshes.is_empty();
         let is_open = self.device.trial.winner().is_none();
-        is_plain && is_open && status.resident == status.wanted && self.has_order(scene)
-    }
-
-    /// Draws a scene by `raycast`, for its time alone: `sorted` draws it next.
-    fn compare(&mut self, scene: &ResolvedScene) -> Result<(), SessionError> {
-        let Self { fit: Some(fit), device: Device { trial, .. }, .. } = self else { return Ok(()) };
-        if fit.backend.as_gpu().is_some_and(|gpu| gpu.switches()) {
-            fit.show_by(Compositor::Raycast, scene)?.into_iter().for_each(|picture| trial.ask(picture));
-        }
-        Ok(())
+        let gpu = self.fit.as_mut().and_then(|fit| fit.backend.as_gpu());
+        let is_sorted = gpu.is_some_and(|gpu| gpu.switches() && gpu.compositor() == Compositor::Sorted);
+        is_plain && is_open && is_sorted && status.resident == status.wanted
     }
 
     /// Tries compositors on a software rasteriser, too: for tests.
