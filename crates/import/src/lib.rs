@@ -1,7 +1,7 @@
 //! Readers of foreign formats, and generators, behind one streaming [`Source`] trait. Independent of stores.
 //!
 //! [`open`] picks a reader by name, first bytes and flags. Uncompressed arrays (raw, `.npy`, NIfTI, ImageJ's large
-//! stacks) are read by [`RawSource`], which maps the file; compressed NIfTI is inflated once into scratch space;
+//! stacks) are read by [`RawSource`], which maps the file; compressed arrays are decoded once into scratch space;
 //! TIFF and DICOM decode requested planes. [`SynthSource`] generates volumes. [`Strided`] is every n-th voxel of
 //! another source, [`Described`] a source under another description. `read_mesh` reads triangle meshes shown with a
 //! volume.
@@ -14,6 +14,7 @@
 #[cfg(not(all(feature = "dicom", feature = "tiff")))]
 mod absent;
 mod axes;
+mod body;
 mod described;
 #[cfg(feature = "dicom")]
 mod dicom;

@@ -1,29 +1,26 @@
 //! NIfTI-1 and NIfTI-2, both byte orders: `.nii`, `.nii.gz` and `.hdr`/`.img` pairs.
 //!
-//! The body is a plain array read through [`RawSource`]. A compressed one is inflated, streaming, into an unnamed scratch file of its inflated
-//! size, which is then mapped. In a series this happens when its step is read, and the file goes when other steps are opened.
+//! The array is read through [`RawSource`], a compressed one after unpacking (see `body`). In a series this happens when its step is read, and the
+//! unpacked file goes when other steps are opened.
 
 mod header;
 mod placement;
 
-use crate::axes::Sizes;
+use crate::body::{self, Body};
 use crate::element::{Decode, Element, Scale};
 use crate::error::{ImportError, Result};
-use crate::gzip::GzipMembers;
 use crate::losses::Losses;
-use crate::mapped::MappedFile;
 use crate::note::Note;
 use crate::options::OpenOptions;
-use crate::raw::{ArrayLayout, RawSource, identity};
+use crate::raw::{RawSource, identity};
 use crate::series::StepFile;
 use crate::source::{Access, SourceInfo};
 use crate::stamp::Stamp;
 use crate::step_time::StepTime;
-use crate::temporary::unnamed_in;
 use brickyard_volume::VoxelType;
 use header::Header;
 use std::fs::File;
-use std::io::{BufReader, BufWriter, Read, Seek, SeekFrom, Write};
+use std::io::{Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
 /// Bytes of an empty gzip file: head, an empty block, checksum and length.
@@ -32,24 +29,10 @@ const LEAST_GZIP_BYTES: u64 = 20;
 /// Opens a NIfTI file, or a pair of `.hdr` and `.img` by either name.
 pub(crate) fn open(path: &Path, options: &OpenOptions) -> Result<RawSource> {
     let found = Found::read(path)?;
-    let expected = found.bytes()?;
-    let (file, trailing) = match Stream::open(&found.body_path)? {
-        Stream::Plain(_) => {
-            let file = MappedFile::open(&found.body_path)?;
-            let length = file.len() as u64;
-            if length < expected {
-                let problem = cut_short(&found.header.array, expected, length);
-                return Err(ImportError::invalid(&found.body_path, problem));
-            }
-            (file, length - expected)
-        }
-        Stream::Gzip(stream) => {
-            let (scratch, trailing) = inflate(stream, &found.body_path, &found.header.array, expected, options)?;
-            (MappedFile::of_scratch(&found.body_path, &scratch)?, trailing)
-        }
-    };
-    let info = found.info(trailing)?;
-    RawSource::new(file, found.header.array, info)?.with_losses(None, options)
+    let body = Body::open(&found.body_path)?;
+    let source = body.source(found.header.array.clone(), found.info()?, options)?;
+    found.check_unchanged()?;
+    Ok(source)
 }
 
 /// Examines a NIfTI file or pair without keeping it open. A compressed one is inflated if its last bytes do not confirm its header's size, or
@@ -59,7 +42,9 @@ pub(crate) fn check(path: &Path, options: &OpenOptions) -> Result<StepFile> {
     let expected = found.bytes()?;
     let is_seen = found.is_compressed && Losses::may_occur(path, found.header.array.decode, None, options).is_none();
     if is_seen && inflated_bytes(&found.body_path)? == Some(expected as u32) {
-        let info = found.info(0)?;
+        let mut info = found.info()?;
+        info.notes.push(body::unpacked_note(expected));
+        found.check_unchanged()?;
         let (access, step_time) = (Access::Box, StepTime::default());
         return Ok(StepFile { info, access, reader_bytes: 0, held_bytes: 0, scratch_bytes: expected, step_time });
     }
@@ -79,25 +64,20 @@ impl Found {
     fn read(path: &Path) -> Result<Self> {
         let (header_path, pair_body) = pair_of(path);
         let stamp = Stamp::of(&header_path)?;
-        let header = Header::read(&mut Stream::open(&header_path)?, &header_path)?;
+        let header = Header::read(&mut Body::open(&header_path)?.reader()?, &header_path)?;
         let body_path = if header.single_file { header_path.clone() } else { pair_body };
         let stamps = [stamp, Stamp::of(&body_path)?];
-        let is_compressed = matches!(Stream::open(&body_path)?, Stream::Gzip(_));
+        let is_compressed = Body::open(&body_path)?.is_coded();
         Ok(Self { header, header_path, body_path, stamps, is_compressed })
     }
 
     /// Bytes up to the last voxel, inflated.
     fn bytes(&self) -> Result<u64> {
-        let body =
-            self.header.array.body_bytes().map_err(|problem| ImportError::invalid(&self.header_path, problem))?;
-        Ok(body.saturating_add(self.header.array.offset))
+        self.header.array.end_bytes().map_err(|problem| ImportError::invalid(&self.header_path, problem))
     }
 
-    /// Describes the volume, with `trailing` bytes after its voxels.
-    ///
-    /// # Errors
-    /// If one of the files has changed meanwhile.
-    fn info(&self, trailing: u64) -> Result<SourceInfo> {
+    /// Describes the volume.
+    fn info(&self) -> Result<SourceInfo> {
         let mut notes = Vec::new();
         let Decode { element, scale, .. } = self.header.array.decode;
         if let Some(Scale { slope, intercept, to }) = scale {
@@ -110,23 +90,18 @@ impl Found {
                 false => Note::new(format!("{scaled}.")),
             });
         }
-        if self.is_compressed {
-            let bytes = human_bytes(self.bytes()?);
-            let note = format!("The file is compressed: it is unpacked into {bytes} of scratch space first.");
-            notes.push(Note::new(note));
-        }
-        if trailing > 0 {
-            notes.push(Note::warning(format!("{trailing} bytes after the voxels are ignored.")));
-        }
         let identity = identity("nifti", &[&self.header_path, &self.body_path])?;
         let mut info = SourceInfo { identity, ..self.header.array.info() };
         placement::place(&self.header.fields, &mut info, &mut notes);
         placement::set_time(&self.header.fields, &mut info, &mut notes);
         info.notes = notes;
-        // Header and body were opened one after the other, and inflating takes its time.
-        self.stamps[0].check(&self.header_path)?;
-        self.stamps[1].check(&self.body_path)?;
         Ok(info)
+    }
+
+    /// Checks that neither file has changed since: they are opened one after the other, and unpacking takes its time.
+    fn check_unchanged(&self) -> Result<()> {
+        self.stamps[0].check(&self.header_path)?;
+        self.stamps[1].check(&self.body_path)
     }
 }
 
@@ -160,107 +135,6 @@ pub(crate) fn pair_of(path: &Path) -> (PathBuf, PathBuf) {
     (find(".hdr"), find(".img"))
 }
 
-/// A file, inflated in reading if it starts like gzip.
-enum Stream {
-    Plain(BufReader<File>),
-    Gzip(GzipMembers<BufReader<File>>),
-}
-
-impl Stream {
-    fn open(path: &Path) -> Result<Self> {
-        use std::io::BufRead;
-        let file = File::open(path).map_err(ImportError::io(path))?;
-        let mut file = BufReader::with_capacity(1 << 18, file);
-        let start = file.fill_buf().map_err(ImportError::io(path))?;
-        Ok(if start.starts_with(&[0x1f, 0x8b]) { Self::Gzip(GzipMembers::new(file)) } else { Self::Plain(file) })
-    }
-}
-
-impl Read for Stream {
-    fn read(&mut self, buffer: &mut [u8]) -> std::io::Result<usize> {
-        match self {
-            Self::Plain(file) => file.read(buffer),
-            Self::Gzip(stream) => stream.read(buffer),
-        }
-    }
-}
-
-/// Inflates the first `expected` bytes into a scratch file and counts the rest, thus verifying the final checksum.
-fn inflate(
-    mut stream: impl Read,
-    path: &Path,
-    array: &ArrayLayout,
-    expected: u64,
-    options: &OpenOptions,
-) -> Result<(File, u64)> {
-    let directory = options.scratch_dir.clone().unwrap_or_else(std::env::temp_dir);
-    check_space(&directory, expected)?;
-    let scratch = unnamed_in(&directory).map_err(ImportError::scratch(&directory))?;
-    let mut scratch = BufWriter::with_capacity(1 << 20, scratch);
-    let mut buffer = vec![0; 1 << 18];
-    let (mut written, mut trailing) = (0, 0);
-    loop {
-        let n = match stream.read(&mut buffer) {
-            Ok(0) => break,
-            Ok(n) => n as u64,
-            Err(error) if error.kind() == std::io::ErrorKind::Interrupted => continue,
-            Err(error) => {
-                let problem = format!(
-                    "compressed data cut short or damaged: expected {expected} bytes inflated, got {written} before: {error}; fetch the file again"
-                );
-                return Err(ImportError::invalid(path, problem));
-            }
-        };
-        let wanted = n.min(expected - written);
-        scratch.write_all(&buffer[..wanted as usize]).map_err(ImportError::scratch(&directory))?;
-        written += wanted;
-        trailing += n - wanted;
-    }
-    if written < expected {
-        return Err(ImportError::invalid(path, cut_short(array, expected, written)));
-    }
-    let scratch = scratch.into_inner().map_err(|e| ImportError::scratch(&directory)(e.into_error()))?;
-    Ok((scratch, trailing))
-}
-
-/// Refuses in advance to fill the disk.
-#[cfg(unix)]
-fn check_space(directory: &Path, needed: u64) -> Result<()> {
-    let stat = rustix::fs::statvfs(directory).map_err(|e| ImportError::scratch(directory)(e.into()))?;
-    let free = stat.f_bavail.saturating_mul(stat.f_frsize);
-    if free < needed {
-        let [needed, free] = [needed, free].map(human_bytes);
-        let problem = format!(
-            "{needed} of scratch space needed to inflate the input, {free} free; choose another place with `scratch_dir`"
-        );
-        return Err(ImportError::options(directory, problem));
-    }
-    Ok(())
-}
-
-#[cfg(not(unix))]
-fn check_space(_directory: &Path, _needed: u64) -> Result<()> {
-    Ok(())
-}
-
-fn cut_short(array: &ArrayLayout, expected: u64, found: u64) -> String {
-    let Sizes { extent, channels, times } = array.sizes;
-    let (name, offset, missing) = (array.decode.element.name(), array.offset, expected - found);
-    format!(
-        "cut short: the header implies {expected} bytes ({extent} {name}, {channels} channels, {times} time steps, from \
-         byte {offset}), found {found} ({missing} missing)"
-    )
-}
-
-/// Formats bytes in the largest unit that leaves a number of at least 1.
-fn human_bytes(bytes: u64) -> String {
-    let units = [(1u64 << 30, "GiB"), (1 << 20, "MiB"), (1 << 10, "KiB")];
-    match units.into_iter().find(|(size, _)| bytes >= *size) {
-        Some((size, unit)) => format!("{:.1} {unit}", bytes as f64 / size as f64),
-        None => format!("{bytes} bytes"),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -268,6 +142,7 @@ mod tests {
     use crate::testing::{Field, assert_boxes, is_warned, said, temp_file};
     use brickyard_volume::VoxelType;
     use glam::DVec3;
+    use std::io::Write;
 
     /// A header of either version with the fields varied by the tests.
     struct Written {

@@ -4,6 +4,12 @@ use crate::note::Note;
 use crate::source::SourceInfo;
 use brickyard_volume::Orientation;
 
+/// Sets the orientation from a matrix of ITK's, DICOM's and Slicer's patient (x to the left, y to the back, z to the head):
+/// see [`set_matrix`].
+pub(crate) fn set_lps_matrix([x, y, z]: [[f64; 4]; 3], info: &mut SourceInfo, notes: &mut Vec<Note>) {
+    set_matrix([x.map(|n| -n), y.map(|n| -n), z], info, notes);
+}
+
 /// Sets the orientation of a volume with known spacing from a world-from-voxel-centre matrix (x to the right, y to the front, z to the head),
 /// and its origin if the volume is upright. An unusable matrix is left out, with a note.
 pub(crate) fn set_matrix(matrix: [[f64; 4]; 3], info: &mut SourceInfo, notes: &mut Vec<Note>) {

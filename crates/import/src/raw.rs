@@ -68,6 +68,11 @@ impl ArrayLayout {
         self.sizes.checked_bytes(self.decode.element.bytes())
     }
 
+    /// Returns the bytes up to the array's end, offset included, or the reason why they cannot be counted.
+    pub(crate) fn end_bytes(&self) -> Result<u64, String> {
+        Ok(self.body_bytes()?.saturating_add(self.offset))
+    }
+
     /// Creates a description with the array's sizes and voxel type, and a default geometry.
     pub(crate) fn info(&self) -> SourceInfo {
         SourceInfo::plain(self.sizes, self.decode.voxel_type())
