@@ -30,6 +30,8 @@ pylibjpeg==2.1.0
 pylibjpeg-libjpeg==2.5.0
 pylibjpeg-openjpeg==2.6.0
 pylibjpeg-rle==2.2.0
+pynrrd==1.1.3
+simpleitk==2.5.7
 tifffile==2026.3.3
 """
 ROOT = pathlib.Path(__file__).resolve().parent.parent

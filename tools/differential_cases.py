@@ -35,7 +35,7 @@ TIFF = re.compile(r"\.(tif|tiff|btf|tf8)$", re.I)
 NIFTI = re.compile(r"\.(nii|nii\.gz|hdr|hdr\.gz|img|img\.gz)$", re.I)
 # What is no volume, or none that is read: it must be refused by what it is.
 OTHER = re.compile(
-    r"\.(vti|vtk|ply|mgz|mgh|mnc|par|rec|brik|brik\.gz|head|trk|tck|gii|gii\.gz|npz|png|jpg|jp2|j2k|jxl|bmp|webp|gif|h5|nrrd|mha|dat|bin)$",
+    r"\.(vti|vtk|ply|mgz|mgh|mnc|par|rec|brik|brik\.gz|head|trk|tck|gii|gii\.gz|npz|png|jpg|jp2|j2k|jxl|bmp|webp|gif|h5|dat|bin)$",
     re.I,
 )
 # Of each kind of other file, as many as show how it is refused.

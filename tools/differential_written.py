@@ -1,4 +1,4 @@
-"""Random files of differential.py: written by tifffile, nibabel, NumPy, pydicom and imagecodecs over all types, orders, codecs and layouts.
+"""Random files of differential.py: written by tifffile, nibabel, NumPy, pynrrd, SimpleITK, pydicom and imagecodecs over all types, orders, codecs and layouts.
 
 Each file follows from the seed and its number alone, so that what is wrong with one can be looked at again.
 """
@@ -9,10 +9,12 @@ import warnings
 
 import imagecodecs
 import nibabel
+import nrrd
 import numpy as np
 import openjpeg.utils
 import pydicom
 import rle.utils
+import SimpleITK
 import tifffile
 from differential_cases import dicom_case, in_five, nifti_case, npy_reference, tiff_case
 from differential_check import Case, Reference
@@ -29,6 +31,8 @@ def written_cases(folder, count, seed):
         ("tiff", write_tiff, 1),
         ("nifti", write_nifti, 1),
         ("npy", write_npy, 1),
+        ("nrrd", write_nrrd, 1),
+        ("metaimage", write_meta_image, 1),
         ("dicom", write_dicom, 1),
         ("files", write_files, 4),
     ]
@@ -301,6 +305,77 @@ def scale(path, two, endian, slope, intercept):
     at, form = (176, "dd") if two else (112, "ff")
     content[at : at + struct.calcsize(form)] = struct.pack(endian + form, slope, intercept)
     path.write_bytes(content)
+
+
+# NRRD and MetaImage
+
+
+def directions_of(rng):
+    """Unit vectors of three axes, as columns."""
+    turned = np.linalg.qr(rng.standard_normal((3, 3)))[0]
+    return pick(rng, np.eye(3), np.diag([-1.0, 1.0, 1.0]), np.eye(3)[rng.permutation(3)], turned)
+
+
+def write_nrrd(rng, stem, name):
+    """Axes of space, with components and times anywhere among them, in a patient's space or with spacings alone."""
+    flat = rng.random() < 0.25
+    kinds = ["domain"] * (2 if flat else 3)
+    sizes = {"domain": 0, "RGB-color": 3, "vector": 2, "3-vector": 3, "complex": 2, "list": 4, "3D-matrix": 9, "time": 2}
+    if rng.random() < 0.4:
+        kinds.insert(int(rng.integers(len(kinds) + 1)), pick(rng, *list(sizes)[1:-1]))
+    if rng.random() < 0.3:
+        kinds.insert(int(rng.integers(len(kinds) + 1)), "time")
+    shape = [sizes[kind] or int(rng.integers(1, 20)) for kind in kinds]
+    dtype = np.dtype(pick(rng, *(t for t in TYPES if t != "f2"))).newbyteorder(pick(rng, "<", ">"))
+    header = {"kinds": kinds, "encoding": pick(rng, "raw", "gzip")}
+    signs = {"left-posterior-superior": [-1, -1, 1], "LPS": [-1, -1, 1], "RAS": [1, 1, 1], "left-anterior-superior": [-1, 1, 1]}
+    steps, matrix, spacing = rng.choice([0.5, 0.75, 2.0, 3.1], len(kinds)), None, None
+    places = [i for i, kind in enumerate(kinds) if kind == "domain"]
+    if not flat and rng.random() < 0.8:
+        space, origin = pick(rng, *signs), rng.choice([-90.0, 0.0, 12.5], 3)
+        columns = directions_of(rng) @ np.diag(steps[places])
+        rows = np.full((len(kinds), 3), np.nan)
+        rows[places] = columns.T
+        header |= {"space": space, "space directions": rows, "space origin": origin}
+        matrix = np.diag(signs[space]) @ np.c_[columns, origin]
+    else:
+        header["spacings"] = steps
+        spacing = [*steps[places], 1.0][:3]
+    path = stem.with_suffix(".nrrd")
+    nrrd.write(str(path), noise(rng, dtype.newbyteorder("="), *shape).astype(dtype), header)
+    letters = iter("XYZ")
+    axes = "".join(next(letters) if kind == "domain" else "T" if kind == "time" else "C" for kind in kinds)
+
+    def reference():
+        return Reference(in_five(nrrd.read(str(path))[0], axes), spacing=spacing, matrix=matrix)
+
+    return Case(name, "written", "nrrd", f"{header['encoding']} {dtype.newbyteorder('=').name}", [path], reference)
+
+
+def write_meta_image(rng, stem, name):
+    """Images of ITK, of two to four dimensions and one to three channels, plain or compressed."""
+    count, dtype = int(pick(rng, 2, 3, 3, 3, 4)), pick(rng, *(t for t in TYPES if t != "f2"))
+    channels = int(pick(rng, 1, 1, 2, 3)) if count < 4 else 1
+    shape = [int(n) for n in rng.integers(1, 20, count)] + ([channels] if channels > 1 else [])
+    image = SimpleITK.GetImageFromArray(noise(rng, dtype, *shape), isVector=channels > 1)
+    spacing, origin = rng.choice([0.5, 0.75, 2.0, 3.1], count), rng.choice([-90.0, 0.0, 12.5], count)
+    directions = np.eye(count)
+    if count > 2:
+        directions[:3, :3] = directions_of(rng)
+    image.SetSpacing(spacing.tolist())
+    image.SetOrigin(origin.tolist())
+    image.SetDirection(directions.ravel().tolist())
+    packed, path = bool(rng.random() < 0.5), stem.with_suffix(".mha")
+    SimpleITK.WriteImage(image, str(path), useCompression=packed)
+    matrix, inside = np.c_[np.eye(3), np.zeros(3)], min(count, 3)
+    matrix[:inside, :inside] = (directions * spacing)[:inside, :inside]
+    matrix[:inside, 3] = origin[:inside]
+
+    def reference():
+        array = SimpleITK.GetArrayFromImage(SimpleITK.ReadImage(str(path)))
+        return Reference(in_five(array, "TZYX"[4 - count :] + "C" * (channels > 1)), matrix=np.diag([-1, -1, 1]) @ matrix)
+
+    return Case(name, "written", "metaimage", f"{'zlib' if packed else 'plain'} {np.dtype(dtype).name}", [path], reference)
 
 
 # DICOM

@@ -21,6 +21,8 @@ pub(crate) enum Body {
     Plain { path: PathBuf },
     /// Bytes from a decoder.
     Coded { path: PathBuf, stream: Box<dyn Read> },
+    /// Bytes of several files.
+    Joined { path: PathBuf, files: u64, stream: Box<dyn Read> },
 }
 
 /// A mapped array, and the bytes after it.
@@ -50,7 +52,7 @@ impl Body {
     pub(crate) fn reader(self) -> Result<Box<dyn Read>> {
         match self {
             Self::Plain { path } => Ok(Box::new(BufReader::new(File::open(&path).map_err(ImportError::io(&path))?))),
-            Self::Coded { stream, .. } => Ok(stream),
+            Self::Coded { stream, .. } | Self::Joined { stream, .. } => Ok(stream),
         }
     }
 
@@ -60,10 +62,15 @@ impl Body {
     /// # Errors
     /// If there are fewer bytes, they are damaged, a value is lost without leave, or there is no scratch space.
     pub(crate) fn source(self, array: ArrayLayout, mut info: SourceInfo, options: &OpenOptions) -> Result<RawSource> {
+        let joined = if let Self::Joined { files, .. } = self { Some(files) } else { None };
         let is_coded = self.is_coded();
         let MappedBody { file, trailing_bytes } = self.map(&array, options)?;
         if is_coded {
             info.notes.push(unpacked_note(end_bytes(&array, &file.path)?));
+        }
+        if let Some(files) = joined {
+            let bytes = human_bytes(end_bytes(&array, &file.path)?);
+            info.notes.push(Note::new(format!("{files} data files are joined in {bytes} of scratch space first.")));
         }
         info.notes.extend(trailing_note(trailing_bytes));
         let nodata = info.nodata;
@@ -82,7 +89,7 @@ impl Body {
                 }
                 Ok(MappedBody { file, trailing_bytes: length - expected })
             }
-            Self::Coded { path, stream } => {
+            Self::Coded { path, stream } | Self::Joined { path, stream, .. } => {
                 let (scratch, trailing_bytes) = decode(stream, &path, array, options)?;
                 Ok(MappedBody { file: MappedFile::of_scratch(&path, &scratch)?, trailing_bytes })
             }
@@ -105,7 +112,7 @@ fn end_bytes(array: &ArrayLayout, path: &Path) -> Result<u64> {
     array.end_bytes().map_err(|problem| ImportError::invalid(path, problem))
 }
 
-/// Decodes an array into a scratch file and counts the bytes after it, thus verifying the stream's final checksum.
+/// Decodes or joins an array into a scratch file and counts the bytes after it, thus verifying the stream's final checksum.
 fn decode(mut stream: Box<dyn Read>, path: &Path, array: &ArrayLayout, options: &OpenOptions) -> Result<(File, u64)> {
     let expected = end_bytes(array, path)?;
     let directory = options.scratch_dir.clone().unwrap_or_else(std::env::temp_dir);

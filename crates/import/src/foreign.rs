@@ -15,9 +15,6 @@ const PICTURES: &str = "convert the pictures of a stack to TIFF";
 
 /// Place in a file, the bytes there, the format, and advice.
 const MAGICS: &[(usize, &[u8], &str, &str)] = &[
-    (0, b"NRRD000", "an NRRD file", CONVERT),
-    (0, b"ObjectType", "a MetaImage file", CONVERT),
-    (0, b"NDims", "a MetaImage file", CONVERT),
     (0, b"\x89HDF\r\n\x1a\n", "an HDF5 file (NetCDF-4, Imaris, MINC 2, MATLAB 7.3 and others)", CONVERT),
     (512, b"\x89HDF\r\n\x1a\n", "an HDF5 file (NetCDF-4, Imaris, MINC 2, MATLAB 7.3 and others)", CONVERT),
     (0, b"MATLAB 5.0", "a MATLAB file", CONVERT),
@@ -57,8 +54,6 @@ const MAGICS: &[(usize, &[u8], &str, &str)] = &[
 
 /// Formats without first bytes of their own.
 const NAMES: &[(&str, &str)] = &[
-    (".mhd", "a MetaImage header"),
-    (".mha", "a MetaImage file"),
     (".dm3", "a Gatan DM3 file"),
     (".dm4", "a Gatan DM4 file"),
     (".mgh", "a FreeSurfer MGH file"),

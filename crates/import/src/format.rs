@@ -9,6 +9,8 @@ pub(crate) enum Format {
     Dicom,
     Npy,
     Nifti,
+    Nrrd,
+    MetaImage,
     Raw,
 }
 
@@ -22,6 +24,8 @@ impl Format {
             () if ["tif", "tiff", "btf", "tf8"].iter().any(|e| extension == *e) => Some(Self::Tiff),
             () if ends(&[".npy"]) => Some(Self::Npy),
             () if ends(&[".nii", ".nii.gz", ".hdr", ".hdr.gz"]) => Some(Self::Nifti),
+            () if ends(&[".nrrd", ".nhdr"]) => Some(Self::Nrrd),
+            () if ends(&[".mha", ".mhd"]) => Some(Self::MetaImage),
             () if ends(&[".raw", ".bin", ".dat"]) => Some(Self::Raw),
             () => None,
         }
@@ -33,6 +37,8 @@ impl Format {
             Self::Dicom => "DICOM",
             Self::Npy => ".npy",
             Self::Nifti => "NIfTI",
+            Self::Nrrd => "NRRD",
+            Self::MetaImage => "MetaImage",
             Self::Raw => "raw",
         }
     }

@@ -15,6 +15,7 @@
 mod absent;
 mod axes;
 mod body;
+mod data_files;
 mod described;
 #[cfg(feature = "dicom")]
 mod dicom;
@@ -29,13 +30,17 @@ mod folder;
 mod foreign;
 mod format;
 mod gzip;
+mod header_lines;
+mod lengths;
 mod losses;
 mod mapped;
 #[cfg(feature = "mesh")]
 mod mesh;
+mod meta_image;
 mod nifti;
 mod note;
 mod npy;
+mod nrrd;
 mod numbering;
 mod open;
 mod options;

@@ -16,12 +16,12 @@ use crate::raw::{RawLayout, RawSource};
 use crate::series::{Series, StepFile};
 use crate::source::{Source, SourceInfo};
 use crate::time::override_time;
-use crate::{dicom, foreign, nifti, npy, tiff_stack};
+use crate::{dicom, foreign, meta_image, nifti, npy, nrrd, tiff_stack};
 use std::path::{Path, PathBuf};
 
 /// Readable formats and their names, for the message about an unknown one.
 const READ: &str = "raw (.raw, .bin, .dat, or any file with `shape` and `voxel_type`), NumPy .npy, NIfTI (.nii, .nii.gz, \
-                    .hdr with .img), TIFF (.tif, .tiff, .companion.ome), DICOM (a folder, files or one file of a series), and folders of files of one of these";
+                    .hdr with .img), NRRD (.nrrd, .nhdr), MetaImage (.mha, .mhd), TIFF (.tif, .tiff, .companion.ome), DICOM (a folder, files or one file of a series), and folders of files of one of these";
 
 /// Advice for duplicated files in a list.
 const AS_NAMED: &str = ", or pass `order` given to take the files as they are named";
@@ -127,6 +127,8 @@ fn open_one(path: &Path, format: Format, options: &OpenOptions) -> Result<Box<dy
         Format::Raw => Box::new(open_raw(path, options)?),
         Format::Npy => Box::new(npy::open(path, options)?),
         Format::Nifti => Box::new(nifti::open(path, options)?),
+        Format::Nrrd => Box::new(nrrd::open(path, options)?),
+        Format::MetaImage => Box::new(meta_image::open(path, options)?),
         Format::Tiff => tiff_stack::open_file(path, options, !options.is_step)?,
         Format::Dicom => dicom::open_file(path, options)?,
     })
@@ -199,6 +201,12 @@ fn format_of(path: &Path, options: &OpenOptions) -> Result<Format> {
     if is_dicom(&start) {
         return Ok(Format::Dicom);
     }
+    if start.starts_with(nrrd::MAGIC) {
+        return Ok(Format::Nrrd);
+    }
+    if meta_image::is_header(&start) {
+        return Ok(Format::MetaImage);
+    }
     // ENVI headers share their file name with NIfTI's.
     if foreign::is_envi(&start) {
         foreign::refuse(path, &name)?;
@@ -218,8 +226,8 @@ fn format_of(path: &Path, options: &OpenOptions) -> Result<Format> {
         return Ok(Format::Tiff);
     }
     foreign::refuse(path, &name)?;
-    if by_name == Some(Format::Raw) {
-        return Ok(Format::Raw);
+    if let Some(format @ (Format::Raw | Format::Nrrd | Format::MetaImage)) = by_name {
+        return Ok(format);
     }
     Err(ImportError::invalid(path, format!("not a supported format; supported are: {READ}")))
 }
