@@ -21,6 +21,7 @@ import venv
 
 REQUIREMENTS = """
 imagecodecs==2026.3.6
+imageio==2.38.1
 nibabel==5.4.2
 numpy==2.4.6
 pillow==13.0.0
@@ -31,6 +32,7 @@ pylibjpeg-libjpeg==2.5.0
 pylibjpeg-openjpeg==2.6.0
 pylibjpeg-rle==2.2.0
 pynrrd==1.1.3
+pypng==0.20220715.0
 simpleitk==2.5.7
 tifffile==2026.3.3
 """

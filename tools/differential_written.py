@@ -18,6 +18,7 @@ import SimpleITK
 import tifffile
 from differential_cases import dicom_case, in_five, nifti_case, npy_reference, tiff_case
 from differential_check import Case, Reference
+from differential_pictures import write_pictures
 from pydicom.dataset import Dataset, FileMetaDataset
 from pydicom.encaps import encapsulate
 
@@ -35,6 +36,7 @@ def written_cases(folder, count, seed):
         ("metaimage", write_meta_image, 1),
         ("dicom", write_dicom, 1),
         ("files", write_files, 4),
+        ("pictures", write_pictures, 1),
     ]
     for kind, write, share in kinds:
         for i in range(count // share):

@@ -579,6 +579,32 @@ def dicom_jpeg_2000():
         check(abs(found - expected).max() <= limit, bits, abs(found - expected).max())
 
 
+def pictures():
+    """Folders of pictures, a slice each; one more folder is one more time step."""
+    steps = noise("u2", 2, 12, 9, 13)
+    for i, step in enumerate(steps):
+        picture_folder(f"pictures-{i}", step)
+    pack(["pictures-0"], steps[0])
+    pack(["pictures-0/s_*.png"], steps[0])
+    brickyard("pack", "pictures-0", "o.zarr", "--overwrite", "--time-step", "1", "--progress", "none")
+    brickyard("append", "o.zarr", "pictures-1", "--progress", "none")
+    for t, step in enumerate(steps):
+        brickyard("export", "o.zarr", "o.npy", "--overwrite", "--time", t)
+        check(same_bits(np.load(FOLDER / "o.npy"), step), f"step {t} differs")
+    colours = noise("u1", 3, 9, 13, 3)
+    picture_folder("colours", colours, dpi=(254, 508))
+    size = 1 / round(254 / 0.0254)
+    pack(["colours"], np.moveaxis(colours, -1, 0), "czyx", spacing=(size, size / 2, size), unit="meter")
+    PIL.Image.fromarray(colours[0]).save(FOLDER / "one.bmp")
+    pack(["one.bmp"], np.moveaxis(colours[:1], -1, 0), "czyx")
+
+
+def picture_folder(name, planes, **options):
+    (FOLDER / name).mkdir()
+    for i, plane in enumerate(planes):
+        PIL.Image.fromarray(plane).save(FOLDER / name / f"s_{i}.png", **options)
+
+
 def dicom_of_others():
     """Scanners' files that come with pydicom: one slice in every syntax."""
     for name in ["CT_small", "MR_small", "MR_small_implicit", "MR_small_bigendian", "MR_small_expb", "MR_small_RLE", "MR_small_padded",
@@ -601,6 +627,6 @@ def dicom_of_others():
 
 run_cases({f.__name__: f for f in [
     nifti_types, nifti_gz, nifti_scaled, nifti_series, nifti_2, nifti_big_endian, nifti_placed, nifti_turned,
-    tiff_types, tiff_layouts, tiff_lzw, tiff_nodata, tiff_imagej, tiff_imagej_calibrated, tiff_ome, tiff_folder, numpy_arrays, raw_files,
+    tiff_types, tiff_layouts, tiff_lzw, tiff_nodata, tiff_imagej, tiff_imagej_calibrated, tiff_ome, tiff_folder, numpy_arrays, raw_files, pictures,
     dicom_syntaxes, dicom_rescaled, dicom_padding, dicom_oblique, dicom_enhanced, dicom_mosaic, dicom_gaps, dicom_jpeg, dicom_jpeg_2000, dicom_of_others,
 ]})

@@ -60,7 +60,7 @@
 //! | feature | for |
 //! | --- | --- |
 //! | `gpu` | the wgpu backend and exact pictures in passes |
-//! | `dicom`, `tiff` | importing these files |
+//! | `dicom`, `pictures`, `tiff` | importing these files |
 //! | `mesh` | reading STL, PLY, OBJ and glTF files |
 //! | `lettering` | writing on pictures: patient sides, scale bars, colour bars, axes, a line of text |
 //! | `movie` | movies: GIF, YUV4MPEG2, and MP4 by ffmpeg |

@@ -13,6 +13,7 @@ Inputs, as a file, a folder of files of one format, a pattern in quotes, or a li
   NIfTI     .nii, .nii.gz, .hdr with .img
   NumPy     .npy
   TIFF      .tif, .tiff, of one page or several; also of OME (.companion.ome), ImageJ, MetaMorph, BigTIFF
+  pictures  .png, .jpg, .bmp: a folder, a pattern or a list of slices
   raw       .raw, .bin, .dat or any other file, with --shape and --dtype";
 
 pub(crate) const APPEND: &str = "\

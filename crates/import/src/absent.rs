@@ -54,3 +54,15 @@ pub(crate) mod tiff_stack {
         Err(refuse(paths.first().map_or(Path::new("input"), PathBuf::as_path)))
     }
 }
+
+#[cfg(not(feature = "pictures"))]
+pub(crate) mod pictures {
+    use super::*;
+    use crate::format::PictureKind;
+
+    pub(crate) fn open(paths: &[PathBuf], _: PictureKind, _: &OpenOptions) -> Result<Box<dyn Source>> {
+        let path = paths.first().map_or(Path::new("input"), PathBuf::as_path);
+        let advice = "this program was built without the feature `pictures`";
+        Err(ImportError::unsupported_but(path, "a picture", advice))
+    }
+}

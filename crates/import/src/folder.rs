@@ -26,6 +26,10 @@ pub(crate) fn files_of(folder: &Path, options: &OpenOptions, read: &str) -> Resu
     if !dicom.is_empty() {
         found.insert(Format::Dicom, dicom);
     }
+    // Folders of scanners hold previews, and their slices, often without an extension, fit no pattern.
+    if found.contains_key(&Format::Dicom) {
+        found.retain(|format, _| !matches!(format, Format::Picture(_)));
+    }
     if options.shape.is_none() && found.len() > 1 {
         found.remove(&Format::Raw);
     }

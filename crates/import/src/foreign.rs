@@ -11,7 +11,7 @@ const LOOKED_AT: usize = 1024;
 const CONVERT: &str = "convert it to NIfTI, TIFF, .npy or raw, as 3D Slicer, ITK or Fiji do";
 const RAW: &str = "pass its raw file with `shape` and `voxel_type`";
 const UNPACK: &str = "unpack it first";
-const PICTURES: &str = "convert the pictures of a stack to TIFF";
+const PICTURES: &str = "convert the pictures of a stack to PNG or TIFF";
 
 /// Place in a file, the bytes there, the format, and advice.
 const MAGICS: &[(usize, &[u8], &str, &str)] = &[
@@ -38,11 +38,14 @@ const MAGICS: &[(usize, &[u8], &str, &str)] = &[
     (0, b"MATRIX7", "an ECAT 7 file", CONVERT),
     (0, b"!INTERFILE", "an Interfile header", CONVERT),
     (208, b"MAP ", "an MRC file", CONVERT),
-    (0, b"\x89PNG\r\n\x1a\n", "a PNG picture", PICTURES),
-    (0, b"\xff\xd8\xff", "a JPEG picture", PICTURES),
     (0, b"\0\0\0\x0cjP  \r\n\x87\n", "a JPEG 2000 picture", PICTURES),
     (0, b"\xff\x4f\xff\x51", "a JPEG 2000 picture", PICTURES),
+    (0, b"\xff\x0a", "a JPEG XL picture", PICTURES),
+    (0, b"\0\0\0\x0cJXL \r\n\x87\n", "a JPEG XL picture", PICTURES),
     (0, b"GIF8", "a GIF picture", PICTURES),
+    (8, b"WEBP", "a WebP picture", PICTURES),
+    (4, b"ftypavif", "an AVIF picture", PICTURES),
+    (4, b"ftypheic", "a HEIC picture", PICTURES),
     (0, b"PK\x03\x04", "a zip archive (.npz among them)", UNPACK),
     (257, b"ustar", "a tar archive", UNPACK),
     (0, b"\x1f\x8b", "a gzip file (only .nii.gz is inflated)", UNPACK),
@@ -126,7 +129,7 @@ mod tests {
             let error = open(&[path], &OpenOptions::default()).err().unwrap();
             assert!(matches!(error, ImportError::Unsupported { .. }) && error.to_string().contains(what), "{error}");
         }
-        for name in ["a.dcm", "a.tif", "a.nii", "a.npy", "a.raw"] {
+        for name in ["a.dcm", "a.tif", "a.png", "a.nii", "a.npy", "a.raw"] {
             let (_folder, path) = temp_file(name, b"");
             let error = open(&[path], &OpenOptions::default()).err().unwrap();
             assert!(matches!(error, ImportError::Invalid { .. }) && error.to_string().contains("is empty"), "{error}");

@@ -6,12 +6,38 @@ use std::path::Path;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Format {
     Tiff,
+    Picture(PictureKind),
     Dicom,
     Npy,
     Nifti,
     Nrrd,
     MetaImage,
     Raw,
+}
+
+/// A kind of pictures, each a plane.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) enum PictureKind {
+    Png,
+    Jpeg,
+    Bmp,
+}
+
+impl PictureKind {
+    /// The kind of a file's first bytes.
+    pub(crate) fn of_start(start: &[u8]) -> Option<Self> {
+        // Lengths of the header behind BMP's two letters, which are too few to be sure.
+        const VERSIONS: [u8; 7] = [12, 40, 52, 56, 64, 108, 124];
+        match start {
+            [0x89, b'P', b'N', b'G', b'\r', b'\n', 0x1a, b'\n', ..] => Some(Self::Png),
+            [0xff, 0xd8, 0xff, ..] => Some(Self::Jpeg),
+            [b'B', b'M', rest @ ..] => match rest.get(12..16) {
+                Some([version, 0, 0, 0]) if VERSIONS.contains(version) => Some(Self::Bmp),
+                _ => None,
+            },
+            _ => None,
+        }
+    }
 }
 
 impl Format {
@@ -22,6 +48,9 @@ impl Format {
         let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
         match () {
             () if ["tif", "tiff", "btf", "tf8"].iter().any(|e| extension == *e) => Some(Self::Tiff),
+            () if ends(&[".png"]) => Some(Self::Picture(PictureKind::Png)),
+            () if ends(&[".jpg", ".jpeg", ".jpe", ".jfif"]) => Some(Self::Picture(PictureKind::Jpeg)),
+            () if ends(&[".bmp", ".dib"]) => Some(Self::Picture(PictureKind::Bmp)),
             () if ends(&[".npy"]) => Some(Self::Npy),
             () if ends(&[".nii", ".nii.gz", ".hdr", ".hdr.gz"]) => Some(Self::Nifti),
             () if ends(&[".nrrd", ".nhdr"]) => Some(Self::Nrrd),
@@ -34,6 +63,9 @@ impl Format {
     pub(crate) fn name(self) -> &'static str {
         match self {
             Self::Tiff => "TIFF",
+            Self::Picture(PictureKind::Png) => "PNG",
+            Self::Picture(PictureKind::Jpeg) => "JPEG",
+            Self::Picture(PictureKind::Bmp) => "BMP",
             Self::Dicom => "DICOM",
             Self::Npy => ".npy",
             Self::Nifti => "NIfTI",

@@ -2,16 +2,16 @@
 //!
 //! [`open`] picks a reader by name, first bytes and flags. Uncompressed arrays (raw, `.npy`, NIfTI, ImageJ's large
 //! stacks) are read by [`RawSource`], which maps the file; compressed arrays are decoded once into scratch space;
-//! TIFF and DICOM decode requested planes. [`SynthSource`] generates volumes. [`Strided`] is every n-th voxel of
+//! TIFF, pictures and DICOM decode requested planes. [`SynthSource`] generates volumes. [`Strided`] is every n-th voxel of
 //! another source, [`Described`] a source under another description. `read_mesh` reads triangle meshes shown with a
 //! volume.
 
 #![cfg_attr(
-    not(all(feature = "dicom", feature = "tiff")),
+    not(all(feature = "dicom", feature = "pictures", feature = "tiff")),
     allow(dead_code, reason = "some of what readers share is shared by these")
 )]
 
-#[cfg(not(all(feature = "dicom", feature = "tiff")))]
+#[cfg(not(all(feature = "dicom", feature = "pictures", feature = "tiff")))]
 mod absent;
 mod axes;
 mod body;
@@ -44,11 +44,15 @@ mod nrrd;
 mod numbering;
 mod open;
 mod options;
+mod page_map;
 mod pattern;
+#[cfg(feature = "pictures")]
+mod pictures;
 mod placement;
 mod raw;
 mod series;
 mod source;
+mod spacing;
 mod stamp;
 mod step_time;
 #[cfg(test)]
@@ -65,6 +69,8 @@ mod write_raw;
 
 #[cfg(not(feature = "dicom"))]
 use absent::dicom;
+#[cfg(not(feature = "pictures"))]
+use absent::pictures;
 #[cfg(not(feature = "tiff"))]
 use absent::tiff_stack;
 pub use axes::AxisOrder;

@@ -8,7 +8,7 @@ use crate::error::{ImportError, Result};
 use crate::file_order::{FileList, in_natural_order};
 use crate::files::{first_bytes, name_of};
 use crate::folder::files_of;
-use crate::format::Format;
+use crate::format::{Format, PictureKind};
 use crate::note::Note;
 use crate::options::{FileOrder, Gaps, NoData, OpenOptions};
 use crate::pattern;
@@ -16,18 +16,18 @@ use crate::raw::{RawLayout, RawSource};
 use crate::series::{Series, StepFile};
 use crate::source::{Source, SourceInfo};
 use crate::time::override_time;
-use crate::{dicom, foreign, meta_image, nifti, npy, nrrd, tiff_stack};
+use crate::{dicom, foreign, meta_image, nifti, npy, nrrd, pictures, tiff_stack};
 use std::path::{Path, PathBuf};
 
 /// Readable formats and their names, for the message about an unknown one.
 const READ: &str = "raw (.raw, .bin, .dat, or any file with `shape` and `voxel_type`), NumPy .npy, NIfTI (.nii, .nii.gz, \
-                    .hdr with .img), NRRD (.nrrd, .nhdr), MetaImage (.mha, .mhd), TIFF (.tif, .tiff, .companion.ome), DICOM (a folder, files or one file of a series), and folders of files of one of these";
+                    .hdr with .img), NRRD (.nrrd, .nhdr), MetaImage (.mha, .mhd), TIFF (.tif, .tiff, .companion.ome), pictures of a stack (.png, .jpg, .bmp), DICOM (a folder, files or one file of a series), and folders of files of one of these";
 
 /// Advice for duplicated files in a list.
 const AS_NAMED: &str = ", or pass `order` given to take the files as they are named";
 
 /// Opens an input: a file, a list of files, a folder of files of one format, or a pattern of file names, with `*` and `?` or with one number
-/// as `%04d`. Several files are one time step each or, for single-page TIFF files, one plane each, in the order [`OpenOptions::order`]. DICOM
+/// as `%04d`. Several files are one time step each or, for pictures and single-page TIFF files, one plane each, in the order [`OpenOptions::order`]. DICOM
 /// files must be of one series, and are sorted by the positions in their headers.
 ///
 /// # Errors
@@ -71,7 +71,11 @@ pub fn open(inputs: &[PathBuf], options: &OpenOptions) -> Result<Box<dyn Source>
             (in_natural_order(&paths)[..1].to_vec(), Some(note))
         }
         _ if unordered || paths.len() > 1 => {
-            let are_planes = format == Format::Tiff && !tiff_stack::has_several_planes(&paths[0], options)?;
+            let are_planes = match format {
+                Format::Picture(_) => true,
+                Format::Tiff => !tiff_stack::has_several_planes(&paths[0], options)?,
+                _ => false,
+            };
             let list = match unordered {
                 true => FileList::of_folder(&inputs[0], &paths, order, are_planes)?,
                 false => FileList::of_list(&paths, order, are_planes)?,
@@ -83,6 +87,7 @@ pub fn open(inputs: &[PathBuf], options: &OpenOptions) -> Result<Box<dyn Source>
     let source = match (format, &paths[..]) {
         (Format::Dicom, paths) if folder || paths.len() > 1 => dicom::open_series(paths, folder, options)?,
         (Format::Tiff, [_, _, ..]) => open_tiffs(&paths, options)?,
+        (Format::Picture(kind), paths) => pictures::open(paths, kind, options)?,
         (Format::Tiff, [path]) if is_set => tiff_stack::open_file(path, options, true)?,
         (_, [path]) => open_one(path, format, options)?,
         _ => open_steps(&paths, format, options)?,
@@ -130,6 +135,7 @@ fn open_one(path: &Path, format: Format, options: &OpenOptions) -> Result<Box<dy
         Format::Nrrd => Box::new(nrrd::open(path, options)?),
         Format::MetaImage => Box::new(meta_image::open(path, options)?),
         Format::Tiff => tiff_stack::open_file(path, options, !options.is_step)?,
+        Format::Picture(kind) => pictures::open(&[path.to_owned()], kind, options)?,
         Format::Dicom => dicom::open_file(path, options)?,
     })
 }
@@ -225,9 +231,12 @@ fn format_of(path: &Path, options: &OpenOptions) -> Result<Format> {
     if tiff_stack::is_companion(path)? {
         return Ok(Format::Tiff);
     }
+    if let Some(kind) = PictureKind::of_start(&start) {
+        return Ok(Format::Picture(kind));
+    }
     foreign::refuse(path, &name)?;
-    if let Some(format @ (Format::Raw | Format::Nrrd | Format::MetaImage)) = by_name {
-        return Ok(format);
+    if let Some(named @ (Format::Raw | Format::Nrrd | Format::MetaImage | Format::Picture(_))) = by_name {
+        return Ok(named);
     }
     Err(ImportError::invalid(path, format!("not a supported format; supported are: {READ}")))
 }
@@ -247,9 +256,10 @@ fn check_kind(path: &Path) -> Result<()> {
 
 /// Refuses options without effect on the format: their caller expects other voxels.
 fn check_used(format: Format, path: &Path, options: &OpenOptions) -> Result<()> {
-    let has_axes = matches!(format, Format::Raw | Format::Npy | Format::Tiff);
-    let counts_axes = format == Format::Raw || format == Format::Tiff && options.axes.is_some();
-    let of_axes = if format == Format::Tiff { "raw files, and of TIFF with `axes`" } else { "raw files" };
+    let has_planes = matches!(format, Format::Tiff | Format::Picture(_));
+    let has_axes = has_planes || matches!(format, Format::Raw | Format::Npy);
+    let counts_axes = format == Format::Raw || has_planes && options.axes.is_some();
+    let of_axes = if has_planes { "raw files, and of TIFF and pictures with `axes`" } else { "raw files" };
     let (raw, is_raw) = ("raw files, with `shape`", format == Format::Raw);
     let said = [
         ("voxel_type", options.voxel_type.is_some(), is_raw, raw),
@@ -257,7 +267,7 @@ fn check_used(format: Format, path: &Path, options: &OpenOptions) -> Result<()> 
         ("offset", options.offset != 0, is_raw, raw),
         ("channels", options.channels.is_some(), counts_axes, of_axes),
         ("times", options.times.is_some(), counts_axes, of_axes),
-        ("axes", options.axes.is_some(), has_axes, "raw files, .npy and TIFF"),
+        ("axes", options.axes.is_some(), has_axes, "raw files, .npy, TIFF and pictures"),
         ("gaps", options.gaps != Gaps::default(), format == Format::Dicom, "DICOM series"),
     ];
     let Some((name, _, _, of)) = said.into_iter().find(|(_, is_said, is_used, _)| *is_said && !is_used) else {

@@ -188,7 +188,7 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 
 /// Remarks on the files of a series, each once.
 #[derive(Default)]
-struct Remarks<'a>(Vec<Remark<'a>>);
+pub(crate) struct Remarks<'a>(Vec<Remark<'a>>);
 
 struct Remark<'a> {
     note: Note,
@@ -197,7 +197,7 @@ struct Remark<'a> {
 }
 
 impl<'a> Remarks<'a> {
-    fn add(&mut self, notes: &[Note], path: &'a Path) {
+    pub(crate) fn add(&mut self, notes: &[Note], path: &'a Path) {
         for note in notes {
             match self.0.iter_mut().find(|remark| remark.note == *note) {
                 Some(remark) => remark.files += 1,
@@ -207,7 +207,7 @@ impl<'a> Remarks<'a> {
     }
 
     /// Returns the remarks; those on fewer than all `count` files name the first file with them.
-    fn of_files(self, count: usize) -> Vec<Note> {
+    pub(crate) fn of_files(self, count: usize) -> Vec<Note> {
         let named = |Remark { note, first, files }| match files {
             _ if files == count => note,
             1 => note.about(&format!("{}: ", first.display())),

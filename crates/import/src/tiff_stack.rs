@@ -6,6 +6,7 @@
 //! own, kept for the next call. Single-directory stacks (ImageJ's over 4 GiB, MetaMorph's) are plain arrays, read through
 //! [`RawSource`](crate::raw::RawSource).
 
+mod arrange;
 mod calibration;
 mod description;
 mod hyperstack;
@@ -19,7 +20,6 @@ mod ome_pages;
 mod ome_set;
 mod opening;
 mod page;
-mod page_map;
 mod page_tags;
 mod refusal;
 mod shaped;
@@ -44,6 +44,7 @@ use crate::error::{ImportError, Result};
 use crate::losses::Losses;
 use crate::note::Note;
 use crate::options::OpenOptions;
+use crate::page_map::{PageMap, Place};
 use crate::raw::identity;
 use crate::source::{Access, Source, SourceInfo};
 use crate::stamp::Stamp;
@@ -51,7 +52,6 @@ use crate::step_time::StepTime;
 use brickyard_volume::{ChannelLook, VoxelBox};
 use description::Description;
 use page::{OpenTiff, PageFormat};
-use page_map::{PageMap, Place};
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 

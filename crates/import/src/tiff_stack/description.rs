@@ -14,9 +14,9 @@ use crate::element::{Element, Scale};
 use crate::note::Note;
 use crate::options::NoData;
 use crate::source::SourceInfo;
+use crate::spacing::Spacing;
 use crate::step_time::{StepTime, TimeSpan};
 use brickyard_volume::{ChannelLook, Extent, TimeAxis, VoxelType, time_unit};
-use glam::DVec3;
 
 /// Everything a TIFF file declares beside its pixels.
 #[derive(Debug, Default, PartialEq)]
@@ -58,15 +58,6 @@ pub(super) enum OmeSays {
     Pixels(Box<Pixels>),
     /// The metadata are in another file, given by name, and by UUID if known.
     Elsewhere { metadata_file: String, uuid: Option<String> },
-}
-
-/// Distances between the centres of voxels.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Spacing {
-    pub(super) x: f64,
-    pub(super) y: f64,
-    /// `None` if the distance of planes is unknown.
-    pub(super) z: Option<f64>,
 }
 
 /// The arrangement of pages declared by a description.
@@ -221,16 +212,8 @@ impl Description {
 
     /// Adds the spacing, unit and notes of the description to `info`.
     pub(super) fn place(&self, info: &mut SourceInfo) {
-        if let Some(Spacing { x, y, z }) = self.spacing {
-            info.geometry.spacing = DVec3::new(x, y, z.unwrap_or(x));
-            info.calibrated = true;
-            if z.is_none() && info.extent.z > 1 {
-                let unit = self.unit.map(|unit| format!(" {unit}")).unwrap_or_default();
-                info.notes.push(Note::warning(format!(
-                    "The file gives the size of pixels, but not the distance of planes: {x}{unit} is taken along z, as \
-                     along x; `spacing` gives another."
-                )));
-            }
+        if let Some(spacing) = self.spacing {
+            spacing.place(self.unit, info);
         }
         info.geometry.unit = self.unit.map(str::to_owned);
         // Times for another number of steps belong elsewhere.

@@ -1,10 +1,11 @@
 //! ImageJ's description: lines of `key=value`. Pages run through channels first, then slices, then frames.
 
 use super::calibration::Calibration;
-use super::description::{Declared, Description, Spacing};
+use super::description::{Declared, Description};
 use super::units::unit_of;
 use crate::axes::Axis;
 use crate::note::Note;
+use crate::spacing::Spacing;
 use brickyard_volume::ChannelLook;
 
 /// First characters of ImageJ's description.

@@ -8,10 +8,10 @@ mod tests;
 
 use super::description::{Declared, Description, Ome, OmeSays};
 use super::hyperstack::is_length;
-use super::page_map::LISTED;
 use super::xml::{self, Failure, LONGEST_NAME, attribute, decoded, meaning, next_piece, number};
 use crate::axes::Axis;
 use crate::note::Note;
+use crate::page_map::LISTED;
 use crate::step_time::TimeSpan;
 use brickyard_volume::ChannelLook;
 use quick_xml::events::{BytesStart, Event};

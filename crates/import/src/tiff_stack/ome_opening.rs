@@ -2,18 +2,19 @@
 //!
 //! A set's files are opened one by one, and their directories walked; some of those with many pages stay open.
 
+use super::arrange::of_page;
 use super::description::{Description, Ome, OmeSays};
 use super::ome::{Pixels, TiffData};
 use super::ome_pages::{self, Files};
 use super::ome_set::{Set, check_uuid, follow, is_companion, read_companion};
 use super::page::{OpenTiff, PageFormat};
-use super::page_map::{PageMap, Place, of_page};
 use super::walk::{Walked, odd_page, open_pages, refuse_problem};
 use super::{MOST_IDLE, Parts, TiffFile, TiffStack};
 use crate::error::{ImportError, Result};
 use crate::files::name_of;
 use crate::note::Note;
 use crate::options::OpenOptions;
+use crate::page_map::{PageMap, Place};
 use crate::raw::identity;
 use crate::source::Source;
 use brickyard_volume::counted;

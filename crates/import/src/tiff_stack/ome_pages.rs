@@ -1,8 +1,9 @@
 //! Plane-to-page map from OME's `TiffData` elements: in any order, from several files. Every plane must have one page.
 
+use super::arrange::too_few_or_many;
 use super::ome::{Pixels, TiffData};
-use super::page_map::{LISTED, PageMap, PageOrder, Place, too_few_or_many};
 use crate::axes::Sizes;
+use crate::page_map::{LISTED, PageMap, PageOrder, Place};
 
 /// The files with the mapped pages.
 pub(super) struct Files<'a> {

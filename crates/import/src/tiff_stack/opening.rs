@@ -1,10 +1,10 @@
 //! TIFF stack opening: finds the files and pages, and checks that they agree. Walks all directories once.
 
-use super::description::{Declared, Description, OmeSays, Spacing};
+use super::arrange::arrange;
+use super::description::{Declared, Description, OmeSays};
 use super::ome_opening::{Opening, open_companion};
 use super::ome_set::is_companion;
 use super::page::{OpenTiff, PageFormat};
-use super::page_map::arrange;
 use super::thumbnails::Thumbnails;
 use super::walk::{open_pages, refuse_problem};
 use super::{Parts, TiffFile, TiffStack};
@@ -16,6 +16,7 @@ use crate::note::Note;
 use crate::options::{NoData, OpenOptions};
 use crate::raw::{ArrayLayout, RawSource, identity};
 use crate::source::{Source, SourceInfo};
+use crate::spacing;
 use brickyard_volume::counted;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
@@ -117,7 +118,8 @@ pub(crate) fn open_planes(paths: &[PathBuf], options: &OpenOptions) -> Result<Bo
             first = Some((format, description));
             continue;
         };
-        check_scale(path, &description, &paths[0], expected, options)?;
+        let [own, other] = [&description, expected].map(|of| (of.spacing, of.unit));
+        spacing::check_alike(path, own, &paths[0], other, options)?;
         let first_path = paths[0].display();
         if description.calibration != expected.calibration {
             let problem = format!(
@@ -164,35 +166,6 @@ fn check_is_no_part(path: &Path, description: &Description) -> Result<()> {
     let problem = "is one of a set of files in its OME-XML, but the given files are not the set: name all files of the \
                    set, or one, or pass `axes` zyx to take the page of each file as a slice";
     if is_part { Err(ImportError::invalid(path, problem)) } else { Ok(()) }
-}
-
-/// Refuses a plane whose pixel size or unit differs from the first one's, unless the caller gives it for all.
-fn check_scale(
-    path: &Path,
-    description: &Description,
-    first_path: &Path,
-    first: &Description,
-    options: &OpenOptions,
-) -> Result<()> {
-    // One pixel in a thousand.
-    const TOLERANCE: f64 = 1e-3;
-    let is_near = |a: f64, b: f64| (a - b).abs() <= TOLERANCE * a.abs().max(b.abs());
-    let is_alike = match (description.spacing, first.spacing) {
-        (Some(a), Some(b)) => is_near(a.x, b.x) && is_near(a.y, b.y),
-        (a, b) => a.is_none() && b.is_none(),
-    };
-    let is_same_unit = options.unit.is_some() || description.unit == first.unit;
-    if (options.spacing.is_some() || is_alike) && is_same_unit {
-        return Ok(());
-    }
-    let describe = |of: &Description| {
-        let unit = of.unit.map(|unit| format!(" {unit}")).unwrap_or_default();
-        of.spacing.map_or("no size".into(), |Spacing { x, y, .. }| format!("{x} x {y}{unit}"))
-    };
-    let (first_path, [own, other]) = (first_path.display(), [description, first].map(describe));
-    let problem =
-        format!("has pixels of {own}, but {first_path} has pixels of {other}; give `spacing` and `unit` for all");
-    Err(ImportError::options(path, problem))
 }
 
 /// Opens the form of ImageJ past 4 GiB, of tifffile on request, and of MetaMorph: one directory, then all planes without a gap.

@@ -4,12 +4,13 @@
 //! The last axes are those of a page; the others are steps, channels and slices by their letters. One axis without a meaning is taken along
 //! z; several are ambiguous, and left to the user.
 
-use super::description::{Declared, Description, Spacing};
+use super::description::{Declared, Description};
 use super::hyperstack::{is_length, spacing};
 use super::page::PageFormat;
 use super::tag_scale::ScaleTags;
 use crate::axes::Axis;
 use crate::note::Note;
+use crate::spacing::Spacing;
 use serde_json::Value;
 
 /// Most bytes of a description.

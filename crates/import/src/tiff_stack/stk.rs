@@ -3,10 +3,11 @@
 //!
 //! The tags' lengths are not those of their types, so their bytes are read here: of UIC2 24 a plane, of UIC1 8 an entry.
 
-use super::description::{Declared, Description, Spacing};
+use super::description::{Declared, Description};
 use super::hyperstack::is_length;
 use crate::axes::Axis;
 use crate::note::Note;
+use crate::spacing::Spacing;
 use std::io::{Read, Seek, SeekFrom};
 use tiff::tags::Tag;
 

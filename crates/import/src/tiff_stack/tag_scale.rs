@@ -1,15 +1,12 @@
 //! Pixel sizes from a page's tags: GeoTIFF's model of the ground, or pixels per inch or centimetre; used unless a description gives
 //! them. Tags have no distance of planes, except for GeoTIFF's third scale.
 
-use super::description::{Description, Spacing};
+use super::description::Description;
 use super::hyperstack::is_length;
 use super::units::unit_of;
 use crate::note::Note;
+use crate::spacing::{Spacing, default_note, default_per_inch};
 
-/// Default pixels per inch of screens and printers, which are no scale of the image.
-const DEFAULTS_PER_INCH: [f64; 2] = [72.0, 96.0];
-/// Largest relative difference from these when written as whole pixels per metre or hundredths per centimetre: 28.35 for 72.
-const DEFAULTS_ROUNDED: f64 = 5e-4;
 const CM_PER_INCH: f64 = 2.54;
 
 /// GeoTIFF's keys: the kind of coordinates, and their unit of length.
@@ -52,11 +49,7 @@ impl ScaleTags {
             description.notes.push(Note::new(note));
         } else if let Some(([x, y], unit)) = self.per_unit().filter(|_| !description.ignores_resolution) {
             if let Some(dots) = self.default_per_inch() {
-                let note = format!(
-                    "{dots} pixels per inch is the resolution of a screen or printer, not of the data: no spacing is \
-                     taken."
-                );
-                description.notes.push(Note::new(note));
+                description.notes.push(default_note(dots));
                 return;
             }
             description.spacing = Some(Spacing { x: 1.0 / x, y: 1.0 / y, z: None });
@@ -85,7 +78,7 @@ impl ScaleTags {
             Some(3) => x * CM_PER_INCH,
             _ => return None,
         };
-        DEFAULTS_PER_INCH.into_iter().find(|dots| (per_inch - dots).abs() <= dots * DEFAULTS_ROUNDED)
+        default_per_inch(per_inch)
     }
 
     /// Pixels per unit, and the unit; `None` if one is missing, or both are placeholders.
@@ -159,7 +152,7 @@ mod tests {
         let mut imagej = Description { ignores_resolution: true, ..Description::default() };
         resolution(254.0, 254.0, 2).describe(&mut imagej);
         assert_eq!(imagej.spacing, None);
-        for dots in DEFAULTS_PER_INCH {
+        for dots in [72.0, 96.0] {
             let (spacing, _, notes) = described(&resolution(dots, dots, 2));
             assert!(spacing.is_none() && notes.contains(&format!("{dots} pixels per inch")), "{notes}");
         }

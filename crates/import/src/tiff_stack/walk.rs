@@ -1,8 +1,8 @@
 //! Single walk of a TIFF file's directories: lists the pages, checks that they agree, and finds copies.
 
+use super::arrange::arrange;
 use super::description::Description;
 use super::page::{OpenTiff, PageFormat};
-use super::page_map::arrange;
 use super::page_tags::PageTags;
 use super::thumbnails::Thumbnails;
 use super::{Parts, TiffFile, TiffStack};

@@ -1,35 +1,30 @@
-//! Plane-to-page map of a stack's files: a rule where pages follow one another along axes, else a list.
+//! Plane-to-page map of a stack's files: a rule where pages follow one another along axes, else a list. A picture is a page.
 
-use super::description::Declared;
-use super::page::PageFormat;
 use crate::axes::{Axis, AxisOrder, Sizes};
-use crate::error::{ImportError, Result};
-use crate::note::Note;
 use crate::options::OpenOptions;
-use std::path::Path;
 
 /// Axes of a list of planes, slowest first.
-pub(super) const LISTED: [Axis; 3] = [Axis::T, Axis::C, Axis::Z];
+pub(crate) const LISTED: [Axis; 3] = [Axis::T, Axis::C, Axis::Z];
 
 /// Place of a plane.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) struct Place {
+pub(crate) struct Place {
     /// The file's number in the stack.
-    pub(super) file: u32,
+    pub(crate) file: u32,
     /// The page's number in the file, from 0.
-    pub(super) page: u32,
+    pub(crate) page: u32,
 }
 
 /// Map from planes to pages of files.
 #[derive(Debug, PartialEq)]
-pub(super) struct PageMap {
+pub(crate) struct PageMap {
     /// Sizes in pages: samples within a page are not counted as channels. Those along x and y are a page's.
-    pub(super) sizes: Sizes,
-    pub(super) order: PageOrder,
+    pub(crate) sizes: Sizes,
+    pub(crate) order: PageOrder,
 }
 
 #[derive(Debug, PartialEq)]
-pub(super) enum PageOrder {
+pub(crate) enum PageOrder {
     /// Pages along these axes (of t, c, z), slowest first, through files of equally many pages.
     Along { axes: Vec<Axis>, pages_per_file: u32 },
     /// One place for each plane, along [`LISTED`].
@@ -38,12 +33,12 @@ pub(super) enum PageOrder {
 
 impl PageMap {
     /// Maps pages along axes, slowest first. `sizes` has their number along each.
-    pub(super) fn along(axes: &[Axis], sizes: Sizes, pages_per_file: u32) -> Self {
+    pub(crate) fn along(axes: &[Axis], sizes: Sizes, pages_per_file: u32) -> Self {
         Self { sizes, order: PageOrder::Along { axes: axes.to_vec(), pages_per_file } }
     }
 
     /// Bytes of the list of places.
-    pub(super) fn held_bytes(&self) -> usize {
+    pub(crate) fn held_bytes(&self) -> usize {
         match &self.order {
             PageOrder::Along { .. } => 0,
             PageOrder::Listed(places) => size_of_val(&places[..]),
@@ -51,7 +46,7 @@ impl PageMap {
     }
 
     /// The place of a plane, given by its step, channel and slice. Every index is below its size.
-    pub(super) fn place(&self, plane: [u32; 3]) -> Place {
+    pub(crate) fn place(&self, plane: [u32; 3]) -> Place {
         match &self.order {
             PageOrder::Along { axes, pages_per_file } => {
                 let (page, per_file) = (self.sizes.number_of(plane, axes), *pages_per_file as u64);
@@ -68,21 +63,21 @@ impl PageMap {
     }
 
     /// Places of all planes, file by file.
-    pub(super) fn by_file(&self) -> Vec<Place> {
+    pub(crate) fn by_file(&self) -> Vec<Place> {
         let mut places: Vec<Place> = self.planes().map(|plane| self.place(plane)).collect();
         places.sort_unstable();
         places
     }
 
     /// Returns the same map as a rule, if the planes of one file lie along these axes.
-    pub(super) fn shortened(self, axes: &[Axis]) -> Self {
+    pub(crate) fn shortened(self, axes: &[Axis]) -> Self {
         let rule = Self::along(axes, self.sizes, self.sizes.planes().try_into().unwrap_or(u32::MAX));
         let is_same = self.planes().all(|plane| self.place(plane) == rule.place(plane));
         if is_same { rule } else { self }
     }
 
     /// Skips these pages, ascending, in the map of one file.
-    pub(super) fn without(self, left_out: &[u32]) -> Self {
+    pub(crate) fn without(self, left_out: &[u32]) -> Self {
         let planes = self.sizes.planes() as u32;
         if left_out.first().is_none_or(|&first| first >= planes) {
             return self;
@@ -95,7 +90,7 @@ impl PageMap {
     }
 
     /// Distinguishes this map from others of the same files, for the identity of an input.
-    pub(super) fn kind(&self) -> String {
+    pub(crate) fn kind(&self) -> String {
         match &self.order {
             PageOrder::Along { axes, .. } => format!("{axes:?}"),
             PageOrder::Listed(_) => "listed".into(),
@@ -103,54 +98,10 @@ impl PageMap {
     }
 }
 
-/// Maps `files` files of equally many pages, with a note, if any: by the caller's axes, else as declared, else all along z.
-/// `path` is the first file, for messages.
-///
-/// # Errors
-/// If the number of pages differs from the axes or the description; the message names which.
-pub(super) fn arrange(
-    path: &Path,
-    pages: u32,
-    files: u32,
-    options: &OpenOptions,
-    declared: Option<&Declared>,
-    format: &PageFormat,
-) -> Result<(PageMap, Option<Note>)> {
-    let all = pages.saturating_mul(files);
-    let map = |axes: &[Axis], sizes: Sizes| PageMap::along(axes, of_page(sizes, format), pages);
-    if let Some(axes) = &options.axes {
-        let (page_axes, sizes) = as_told(axes, all, options).map_err(|problem| ImportError::options(path, problem))?;
-        return Ok((map(&page_axes, sizes), None));
-    }
-    let along_z = || map(&[Axis::Z], Sizes::from_ordered(&[Axis::Z], &[all]));
-    let Some(declared) = declared else { return Ok((along_z(), None)) };
-    if declared.of_each_page && declared.planes() == 1 && all > 1 {
-        let note = format!(
-            "The {all} pages are arrays of their own, as the description of the first says: they are taken along z."
-        );
-        return Ok((along_z(), Some(Note::new(note))));
-    }
-    let sizes = declared.page_sizes(format).map_err(|problem| ImportError::invalid(path, problem))?;
-    if sizes.planes() != all as u64 {
-        return Err(ImportError::invalid(path, too_few_or_many(sizes, all as u64, "it holds")));
-    }
-    Ok((map(&declared.page_axes, sizes), None))
-}
-
-/// Message for a description of more or fewer planes than pages. `holders` hold the pages.
-pub(super) fn too_few_or_many(sizes: Sizes, pages: u64, holders: &str) -> String {
-    let (planes, Sizes { extent, channels, times }) = (sizes.planes(), sizes);
-    let z = extent.z;
-    format!(
-        "its description declares {planes} planes ({z} along z, {channels} channels, {times} time steps), but {holders} \
-         {pages} pages; pass `axes` zyx to take the pages as they are"
-    )
-}
-
 /// Page axes and sizes by the caller's axes: the one missing size follows from the number of pages.
-fn as_told(axes: &AxisOrder, pages: u32, options: &OpenOptions) -> Result<(Vec<Axis>, Sizes), String> {
+pub(crate) fn as_told(axes: &AxisOrder, pages: u32, options: &OpenOptions) -> Result<(Vec<Axis>, Sizes), String> {
     let [page_axes @ .., Axis::Y, Axis::X] = axes.axes() else {
-        return Err(format!("axes '{axes}' do not end in yx, the order of pixels in a TIFF page"));
+        return Err(format!("axes '{axes}' do not end in yx, the order of pixels in a page"));
     };
     let given = |axis| match axis {
         Axis::T => options.times,
@@ -173,12 +124,6 @@ fn as_told(axes: &AxisOrder, pages: u32, options: &OpenOptions) -> Result<(Vec<A
     }
     let sizes: Vec<u32> = page_axes.iter().map(|&a| given(a).unwrap_or(rest)).collect();
     Ok((page_axes.to_vec(), Sizes::from_ordered(page_axes, &sizes)))
-}
-
-/// Sizes in pages, with those of a page along x and y.
-pub(super) fn of_page(mut sizes: Sizes, format: &PageFormat) -> Sizes {
-    [sizes.extent.x, sizes.extent.y] = format.shown_size();
-    sizes
 }
 
 #[cfg(test)]
