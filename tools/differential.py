@@ -35,6 +35,7 @@ pynrrd==1.1.3
 pypng==0.20220715.0
 simpleitk==2.5.7
 tifffile==2026.3.3
+vtk==9.7.2
 """
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 DATA = ROOT / "target/data/collections"

@@ -16,6 +16,7 @@ import pydicom
 import tifffile
 from differential_check import Case, Reference
 from differential_pictures import KINDS, picture_case
+from differential_vtk import vtk_case
 from pydicom.pixels import apply_modality_lut
 
 # Packages that hold files, and whether those are in the source distribution alone.
@@ -36,7 +37,7 @@ TIFF = re.compile(r"\.(tif|tiff|btf|tf8)$", re.I)
 NIFTI = re.compile(r"\.(nii|nii\.gz|hdr|hdr\.gz|img|img\.gz)$", re.I)
 # What is no volume, or none that is read: it must be refused by what it is.
 OTHER = re.compile(
-    r"\.(vti|vtk|ply|mgz|mgh|mnc|par|rec|brik|brik\.gz|head|trk|tck|gii|gii\.gz|npz|jp2|j2k|jxl|webp|gif|h5|dat|bin)$",
+    r"\.(ply|mgz|mgh|mnc|par|rec|brik|brik\.gz|head|trk|tck|gii|gii\.gz|npz|jp2|j2k|jxl|webp|gif|h5|dat|bin)$",
     re.I,
 )
 # Of each kind of other file, as many as show how it is refused.
@@ -98,6 +99,8 @@ def collection_cases(collection, root):
                 yield Case(label, collection, "npy", "npy", [path], lambda p=path: npy_reference(p))
             elif path.suffix in KINDS:
                 yield picture_case(label, collection, path)
+            elif name.lower().endswith((".vti", ".vtk")):
+                yield vtk_case(label, collection, path)
             elif found := OTHER.search(name):
                 kind = found[1].lower()
                 others[kind] = others.get(kind, 0) + 1

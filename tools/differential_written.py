@@ -1,4 +1,4 @@
-"""Random files of differential.py: written by tifffile, nibabel, NumPy, pynrrd, SimpleITK, pydicom and imagecodecs over all types, orders, codecs and layouts.
+"""Random files of differential.py: written by tifffile, nibabel, NumPy, pynrrd, SimpleITK, pydicom, VTK, Pillow and imagecodecs over all types, orders, codecs and layouts.
 
 Each file follows from the seed and its number alone, so that what is wrong with one can be looked at again.
 """
@@ -19,6 +19,7 @@ import tifffile
 from differential_cases import dicom_case, in_five, nifti_case, npy_reference, tiff_case
 from differential_check import Case, Reference
 from differential_pictures import write_pictures
+from differential_vtk import write_pvd, write_vtk
 from pydicom.dataset import Dataset, FileMetaDataset
 from pydicom.encaps import encapsulate
 
@@ -37,6 +38,8 @@ def written_cases(folder, count, seed):
         ("dicom", write_dicom, 1),
         ("files", write_files, 4),
         ("pictures", write_pictures, 1),
+        ("vtk", lambda *case: write_vtk(*case, noise), 1),
+        ("pvd", lambda *case: write_pvd(*case, noise), 4),
     ]
     for kind, write, share in kinds:
         for i in range(count // share):

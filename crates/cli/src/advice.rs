@@ -22,7 +22,7 @@ pub(super) fn advised<E: Advice>(error: &E) -> String {
 
 /// The library's options whose flags have the same names.
 const ALIKE: &str = "allow_lossy aprons axes channels codec downsample gaps memory nodata offset order \
-    origin overwrite resume shape spacing time_stamps time_step time_unit times unit";
+    origin overwrite resume shape spacing time_stamps time_step time_unit times unit variable";
 
 /// The library's other options, with the command's flags for them.
 const RENAMED: [(&str, &str); 6] = [

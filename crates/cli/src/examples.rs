@@ -14,6 +14,7 @@ Inputs, as a file, a folder of files of one format, a pattern in quotes, or a li
   NumPy     .npy
   TIFF      .tif, .tiff, of one page or several; also of OME (.companion.ome), ImageJ, MetaMorph, BigTIFF
   pictures  .png, .jpg, .bmp: a folder, a pattern or a list of slices
+  VTK       .vti, .vtk of structured points, .pvd with its files
   raw       .raw, .bin, .dat or any other file, with --shape and --dtype";
 
 pub(crate) const APPEND: &str = "\

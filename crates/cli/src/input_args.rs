@@ -33,6 +33,9 @@ pub(crate) struct InputArguments {
     /// Channels in the file, for raw input with a c axis [default: 1]
     #[arg(help_heading = heading::RAW, long)]
     channels: Option<u32>,
+    /// Name of the array to read, of a file with several
+    #[arg(help_heading = heading::INPUT, long, value_name = "NAME")]
+    variable: Option<String>,
     /// Order of several files: as given, or by the numbers in their names, whatever these count [default: a list's own,
     /// unless a shell expanded it from a pattern; otherwise by number, if the numbers have no gaps and count one thing]
     #[arg(help_heading = heading::INPUT, long, value_parser = ORDERS)]
@@ -86,6 +89,7 @@ impl InputArguments {
             axes: self.axes,
             times: self.times,
             channels: self.channels,
+            variable: self.variable,
             order: self.order,
             gaps: self.gaps,
             spacing: self.spacing,

@@ -1,7 +1,11 @@
 //! Stand-ins for readers left out of this build: they recognise their files, and refuse them.
 
 use crate::error::{ImportError, Result};
+#[cfg(not(feature = "vtk"))]
+use crate::format::Format;
 use crate::options::OpenOptions;
+#[cfg(not(feature = "vtk"))]
+use crate::series::StepFile;
 use crate::source::Source;
 use std::path::{Path, PathBuf};
 
@@ -64,5 +68,32 @@ pub(crate) mod pictures {
         let path = paths.first().map_or(Path::new("input"), PathBuf::as_path);
         let advice = "this program was built without the feature `pictures`";
         Err(ImportError::unsupported_but(path, "a picture", advice))
+    }
+}
+
+#[cfg(not(feature = "vtk"))]
+pub(crate) mod vtk {
+    use super::*;
+
+    fn refuse(path: &Path) -> ImportError {
+        ImportError::unsupported_but(path, "VTK", "this program was built without the feature `vtk`")
+    }
+
+    pub(crate) fn format_of(path: &Path) -> Result<Option<Format>> {
+        let start = crate::files::first_bytes(path, 14)?;
+        let is_vtk = [&b"# vtk DataFile"[..], b"<VTKFile"].iter().any(|magic| start.starts_with(magic));
+        Ok(is_vtk.then_some(Format::Vtk))
+    }
+
+    pub(crate) fn open(path: &Path, _: &OpenOptions) -> Result<Box<dyn Source>> {
+        Err(refuse(path))
+    }
+
+    pub(crate) fn check(path: &Path, _: &OpenOptions) -> Result<StepFile> {
+        Err(refuse(path))
+    }
+
+    pub(crate) fn open_collection(path: &Path, _: &OpenOptions) -> Result<Box<dyn Source>> {
+        Err(refuse(path))
     }
 }

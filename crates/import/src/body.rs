@@ -100,7 +100,7 @@ impl Body {
 /// A note about an array to be decoded into `bytes` of scratch space.
 pub(crate) fn unpacked_note(bytes: u64) -> Note {
     let bytes = human_bytes(bytes);
-    Note::new(format!("The file is compressed: it is unpacked into {bytes} of scratch space first."))
+    Note::new(format!("The voxels are compressed or text: they are unpacked into {bytes} of scratch space first."))
 }
 
 /// A warning about bytes after the voxels, if there are any.

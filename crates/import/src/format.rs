@@ -12,6 +12,8 @@ pub(crate) enum Format {
     Nifti,
     Nrrd,
     MetaImage,
+    Vtk,
+    Pvd,
     Raw,
 }
 
@@ -55,6 +57,8 @@ impl Format {
             () if ends(&[".nii", ".nii.gz", ".hdr", ".hdr.gz"]) => Some(Self::Nifti),
             () if ends(&[".nrrd", ".nhdr"]) => Some(Self::Nrrd),
             () if ends(&[".mha", ".mhd"]) => Some(Self::MetaImage),
+            () if ends(&[".vti", ".vtk"]) => Some(Self::Vtk),
+            () if ends(&[".pvd"]) => Some(Self::Pvd),
             () if ends(&[".raw", ".bin", ".dat"]) => Some(Self::Raw),
             () => None,
         }
@@ -71,6 +75,8 @@ impl Format {
             Self::Nifti => "NIfTI",
             Self::Nrrd => "NRRD",
             Self::MetaImage => "MetaImage",
+            Self::Vtk => "VTK",
+            Self::Pvd => ".pvd",
             Self::Raw => "raw",
         }
     }

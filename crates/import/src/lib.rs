@@ -7,11 +7,11 @@
 //! volume.
 
 #![cfg_attr(
-    not(all(feature = "dicom", feature = "pictures", feature = "tiff")),
+    not(all(feature = "dicom", feature = "pictures", feature = "tiff", feature = "vtk")),
     allow(dead_code, reason = "some of what readers share is shared by these")
 )]
 
-#[cfg(not(all(feature = "dicom", feature = "pictures", feature = "tiff")))]
+#[cfg(not(all(feature = "dicom", feature = "pictures", feature = "tiff", feature = "vtk")))]
 mod absent;
 mod axes;
 mod body;
@@ -65,6 +65,8 @@ mod testing;
 #[cfg(feature = "tiff")]
 mod tiff_stack;
 mod time;
+#[cfg(feature = "vtk")]
+mod vtk;
 mod write_raw;
 
 #[cfg(not(feature = "dicom"))]
@@ -73,6 +75,8 @@ use absent::dicom;
 use absent::pictures;
 #[cfg(not(feature = "tiff"))]
 use absent::tiff_stack;
+#[cfg(not(feature = "vtk"))]
+use absent::vtk;
 pub use axes::AxisOrder;
 pub use described::Described;
 pub use element::Endian;

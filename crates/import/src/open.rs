@@ -16,12 +16,12 @@ use crate::raw::{RawLayout, RawSource};
 use crate::series::{Series, StepFile};
 use crate::source::{Source, SourceInfo};
 use crate::time::override_time;
-use crate::{dicom, foreign, meta_image, nifti, npy, nrrd, pictures, tiff_stack};
+use crate::{dicom, foreign, meta_image, nifti, npy, nrrd, pictures, tiff_stack, vtk};
 use std::path::{Path, PathBuf};
 
 /// Readable formats and their names, for the message about an unknown one.
 const READ: &str = "raw (.raw, .bin, .dat, or any file with `shape` and `voxel_type`), NumPy .npy, NIfTI (.nii, .nii.gz, \
-                    .hdr with .img), NRRD (.nrrd, .nhdr), MetaImage (.mha, .mhd), TIFF (.tif, .tiff, .companion.ome), pictures of a stack (.png, .jpg, .bmp), DICOM (a folder, files or one file of a series), and folders of files of one of these";
+                    .hdr with .img), NRRD (.nrrd, .nhdr), MetaImage (.mha, .mhd), VTK images (.vti, .vtk, .pvd), TIFF (.tif, .tiff, .companion.ome), pictures of a stack (.png, .jpg, .bmp), DICOM (a folder, files or one file of a series), and folders of files of one of these";
 
 /// Advice for duplicated files in a list.
 const AS_NAMED: &str = ", or pass `order` given to take the files as they are named";
@@ -134,6 +134,8 @@ fn open_one(path: &Path, format: Format, options: &OpenOptions) -> Result<Box<dy
         Format::Nifti => Box::new(nifti::open(path, options)?),
         Format::Nrrd => Box::new(nrrd::open(path, options)?),
         Format::MetaImage => Box::new(meta_image::open(path, options)?),
+        Format::Vtk => vtk::open(path, options)?,
+        Format::Pvd => vtk::open_collection(path, options)?,
         Format::Tiff => tiff_stack::open_file(path, options, !options.is_step)?,
         Format::Picture(kind) => pictures::open(&[path.to_owned()], kind, options)?,
         Format::Dicom => dicom::open_file(path, options)?,
@@ -143,6 +145,7 @@ fn open_one(path: &Path, format: Format, options: &OpenOptions) -> Result<Box<dy
 fn open_steps(paths: &[PathBuf], format: Format, options: &OpenOptions) -> Result<Box<dyn Source>> {
     let check = |path: &Path| match format {
         Format::Nifti => nifti::check(path, options),
+        Format::Vtk => vtk::check(path, options),
         _ => open_step(path, format, options).map(|source| StepFile::of(&*source)),
     };
     let again = OpenOptions { is_looked_at: true, ..options.clone() };
@@ -234,6 +237,9 @@ fn format_of(path: &Path, options: &OpenOptions) -> Result<Format> {
     if let Some(kind) = PictureKind::of_start(&start) {
         return Ok(Format::Picture(kind));
     }
+    if let Some(format) = vtk::format_of(path)?.or(by_name.filter(|by| matches!(by, Format::Vtk | Format::Pvd))) {
+        return Ok(format);
+    }
     foreign::refuse(path, &name)?;
     if let Some(named @ (Format::Raw | Format::Nrrd | Format::MetaImage | Format::Picture(_))) = by_name {
         return Ok(named);
@@ -268,6 +274,12 @@ fn check_used(format: Format, path: &Path, options: &OpenOptions) -> Result<()> 
         ("channels", options.channels.is_some(), counts_axes, of_axes),
         ("times", options.times.is_some(), counts_axes, of_axes),
         ("axes", options.axes.is_some(), has_axes, "raw files, .npy, TIFF and pictures"),
+        (
+            "variable",
+            options.variable.is_some(),
+            matches!(format, Format::Vtk | Format::Pvd),
+            "files of several arrays (VTK)",
+        ),
         ("gaps", options.gaps != Gaps::default(), format == Format::Dicom, "DICOM series"),
     ];
     let Some((name, _, _, of)) = said.into_iter().find(|(_, is_said, is_used, _)| *is_said && !is_used) else {

@@ -65,6 +65,8 @@ pub struct OpenOptions {
     pub times: Option<u32>,
     /// Order of the axes, slowest first, in place of the file's or format's. Not for NIfTI and DICOM, whose order is fixed.
     pub axes: Option<AxisOrder>,
+    /// Name of the array to read, of a file with several.
+    pub variable: Option<String>,
     /// Whether the input is one of several time steps. `order` is then the order of these, and also of the files in a folder if natural; a file
     /// standing for its whole set is an error.
     pub is_step: bool,

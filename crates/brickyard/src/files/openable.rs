@@ -42,9 +42,9 @@ pub fn is_mesh(path: &Path) -> bool {
 /// Whether a file has the name of a supported kind: a volume, a mesh or a scene. DICOM slices may have no extension, or
 /// a number.
 pub fn has_known_name(path: &Path) -> bool {
-    const KNOWN: [&str; 23] = [
-        "raw", "bin", "dat", "npy", "nii", "hdr", "img", "tif", "tiff", "btf", "tf8", "ome", "stk", "lsm", "dcm",
-        "dicom", "ima", "json", "png", "jpg", "jpeg", "bmp", "dib",
+    const KNOWN: [&str; 30] = [
+        "raw", "bin", "dat", "npy", "nii", "hdr", "img", "nrrd", "nhdr", "mha", "mhd", "tif", "tiff", "btf", "tf8",
+        "vti", "vtk", "pvd", "ome", "stk", "lsm", "dcm", "dicom", "ima", "json", "png", "jpg", "jpeg", "bmp", "dib",
     ];
     let name = path.file_name().unwrap_or_default().to_string_lossy().to_lowercase();
     let plain = [".nii.gz", ".hdr.gz", ".img.gz"].iter().any(|end| name.ends_with(end));
