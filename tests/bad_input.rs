@@ -194,7 +194,7 @@ fn damaged_and_foreign_files() {
             ("pack magic o.zarr", BAD_INPUT, &["magic", "TransferSyntaxUID"]),
             ("pack garbage.dcm o.zarr", BAD_INPUT, &["garbage.dcm"]),
             ("pack what.xyz o.zarr", BAD_INPUT, &["what.xyz", "--shape", "DICOM"]),
-            ("pack scene.hdr o.zarr", BAD_INPUT, &["an ENVI header", "--shape"]),
+            ("pack scene.hdr o.zarr", BAD_INPUT, &["scene.hdr", "raw file is missing"]),
             ("pack /dev/null o.zarr", BAD_INPUT, &["/dev/null: a pipe or a device", "write it to a file first"]),
             ("pack folder o.zarr", BAD_INPUT, &["folder"]),
             ("pack missing.nii o.zarr", BAD_INPUT, &["missing.nii", "No such file"]),

@@ -22,6 +22,7 @@ import venv
 REQUIREMENTS = """
 imagecodecs==2026.3.6
 imageio==2.38.1
+mrcfile==1.5.4
 nibabel==5.4.2
 numpy==2.4.6
 pillow==13.0.0
@@ -110,11 +111,13 @@ def report_of(results):
 def main():
     a = arguments()
     enter_environment(a.out)
+    from differential_arrays import KINDS
     from differential_cases import all_collection_cases
     from differential_written import written_cases
     from differential_check import Checker
 
     cases = all_collection_cases(DATA) + list(written_cases(a.out / "written", a.random, a.seed))
+    cases += written_cases(a.out / "written", a.random, a.seed, KINDS)
     cases = [c for c in cases if not a.names or any(n in c.name for n in a.names)]
     checker = Checker(a.brickyard, a.out / "work", a.memory, a.timeout)
     results = []

@@ -26,10 +26,10 @@ from pydicom.encaps import encapsulate
 TYPES = ["u1", "i1", "u2", "i2", "u4", "i4", "u8", "i8", "f2", "f4", "f8"]
 
 
-def written_cases(folder, count, seed):
+def written_cases(folder, count, seed, kinds=None):
     logging.getLogger("tifffile").setLevel(logging.CRITICAL)
     folder.mkdir(parents=True, exist_ok=True)
-    kinds = [
+    kinds = kinds or [
         ("tiff", write_tiff, 1),
         ("nifti", write_nifti, 1),
         ("npy", write_npy, 1),

@@ -27,15 +27,15 @@ pub(crate) struct InputArguments {
     /// Axis letters of the input's array, slowest first, e.g. tczyx [default: the file's; tczyx of raw input]
     #[arg(help_heading = heading::INPUT, long)]
     axes: Option<AxisOrder>,
+    /// Array to read, from a file that holds several [default: the only one]
+    #[arg(help_heading = heading::INPUT, long, value_name = "NAME")]
+    variable: Option<String>,
     /// Time steps in the file, for raw input with a t axis [default: 1]
     #[arg(help_heading = heading::RAW, long)]
     times: Option<u32>,
     /// Channels in the file, for raw input with a c axis [default: 1]
     #[arg(help_heading = heading::RAW, long)]
     channels: Option<u32>,
-    /// Name of the array to read, of a file with several
-    #[arg(help_heading = heading::INPUT, long, value_name = "NAME")]
-    variable: Option<String>,
     /// Order of several files: as given, or by the numbers in their names, whatever these count [default: a list's own,
     /// unless a shell expanded it from a pattern; otherwise by number, if the numbers have no gaps and count one thing]
     #[arg(help_heading = heading::INPUT, long, value_parser = ORDERS)]
@@ -87,9 +87,9 @@ impl InputArguments {
             endian: self.endian,
             offset: self.offset,
             axes: self.axes,
+            variable: self.variable,
             times: self.times,
             channels: self.channels,
-            variable: self.variable,
             order: self.order,
             gaps: self.gaps,
             spacing: self.spacing,

@@ -30,6 +30,20 @@ pub(crate) mod dicom {
     }
 }
 
+#[cfg(not(feature = "npz"))]
+pub(crate) mod npz {
+    use super::*;
+    use crate::raw::RawSource;
+
+    pub(crate) fn is_npz(_: &Path, name: &str, _: &[u8]) -> Result<bool> {
+        Ok(name.ends_with(".npz"))
+    }
+
+    pub(crate) fn open(path: &Path, _: &OpenOptions) -> Result<RawSource> {
+        Err(ImportError::unsupported_but(path, ".npz", "this program was built without the feature `npz`"))
+    }
+}
+
 #[cfg(not(feature = "tiff"))]
 pub(crate) mod tiff_stack {
     use super::*;

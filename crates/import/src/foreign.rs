@@ -9,7 +9,6 @@ use std::path::Path;
 const LOOKED_AT: usize = 1024;
 
 const CONVERT: &str = "convert it to NIfTI, TIFF, .npy or raw, as 3D Slicer, ITK or Fiji do";
-const RAW: &str = "pass its raw file with `shape` and `voxel_type`";
 const UNPACK: &str = "unpack it first";
 const PICTURES: &str = "convert the pictures of a stack to PNG or TIFF";
 
@@ -35,7 +34,6 @@ const MAGICS: &[(usize, &[u8], &str, &str)] = &[
     (0, b"# === DATA DESCRIPTION FILE", "a Philips PAR header", CONVERT),
     (0, b"MATRIX7", "an ECAT 7 file", CONVERT),
     (0, b"!INTERFILE", "an Interfile header", CONVERT),
-    (208, b"MAP ", "an MRC file", CONVERT),
     (0, b"\0\0\0\x0cjP  \r\n\x87\n", "a JPEG 2000 picture", PICTURES),
     (0, b"\xff\x4f\xff\x51", "a JPEG 2000 picture", PICTURES),
     (0, b"\xff\x0a", "a JPEG XL picture", PICTURES),
@@ -44,9 +42,9 @@ const MAGICS: &[(usize, &[u8], &str, &str)] = &[
     (8, b"WEBP", "a WebP picture", PICTURES),
     (4, b"ftypavif", "an AVIF picture", PICTURES),
     (4, b"ftypheic", "a HEIC picture", PICTURES),
-    (0, b"PK\x03\x04", "a zip archive (.npz among them)", UNPACK),
+    (0, b"PK\x03\x04", "a zip archive", UNPACK),
     (257, b"ustar", "a tar archive", UNPACK),
-    (0, b"\x1f\x8b", "a gzip file (only .nii.gz is inflated)", UNPACK),
+    (0, b"\x1f\x8b", "a gzip file (of those, NIfTI, ANALYZE and MRC are inflated)", UNPACK),
     (0, b"BZh", "a bzip2 file", UNPACK),
     (0, b"\xfd7zXZ\0", "an xz file", UNPACK),
     (0, b"7z\xbc\xaf\x27\x1c", "a 7z archive", UNPACK),
@@ -65,25 +63,12 @@ const NAMES: &[(&str, &str)] = &[
 pub(crate) fn refuse(path: &Path, name: &str) -> Result<()> {
     let start = first_bytes(path, LOOKED_AT)?;
     let by_name = NAMES.iter().find(|(end, _)| name.ends_with(end)).map(|(_, what)| (*what, CONVERT));
-    let has = |at: usize, magic: &[u8]| start.get(at..).is_some_and(|bytes| without_prolog(bytes).starts_with(magic));
+    let has = |at: usize, magic: &[u8]| start.get(at..).is_some_and(|bytes| bytes.starts_with(magic));
     let by_magic = MAGICS.iter().find(|(at, magic, ..)| has(*at, magic)).map(|(.., what, advice)| (*what, *advice));
-    let envi = is_envi(&start).then_some(("an ENVI header", RAW));
-    match by_name.or(by_magic).or(envi) {
+    match by_name.or(by_magic) {
         Some((what, advice)) => Err(ImportError::unsupported_but(path, what, advice)),
         None => Ok(()),
     }
-}
-
-pub(crate) fn is_envi(start: &[u8]) -> bool {
-    without_prolog(start).get(..4).is_some_and(|word| word.eq_ignore_ascii_case(b"ENVI"))
-}
-
-/// Text after an optional byte order mark and XML declaration.
-fn without_prolog(text: &[u8]) -> &[u8] {
-    let text = text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(text);
-    let end = |text: &[u8]| text.windows(2).position(|pair| pair == b"?>").map(|at| at + 2);
-    let at = if text.starts_with(b"<?xml") { end(text).unwrap_or(0) } else { return text };
-    text[at..].trim_ascii_start()
 }
 
 /// Refuses a folder of a known but unsupported format: Zarr.
@@ -116,14 +101,6 @@ mod tests {
                 let expected = format!("{name}: {what} is not supported; {advice}");
                 assert!(error.to_string().ends_with(&expected), "{error}");
             }
-        }
-        for (name, bytes, what) in [
-            ("b.hdr", &b"\xef\xbb\xbfenvi\nsamples = 7\n"[..], "an ENVI header"),
-            ("a.hdr", b"ENVI\nsamples = 7\n", "an ENVI header"),
-        ] {
-            let (_folder, path) = temp_file(name, bytes);
-            let error = open(&[path], &OpenOptions::default()).err().unwrap();
-            assert!(matches!(error, ImportError::Unsupported { .. }) && error.to_string().contains(what), "{error}");
         }
         for name in ["a.dcm", "a.tif", "a.png", "a.nii", "a.npy", "a.raw"] {
             let (_folder, path) = temp_file(name, b"");

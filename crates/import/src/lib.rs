@@ -1,20 +1,21 @@
 //! Readers of foreign formats, and generators, behind one streaming [`Source`] trait. Independent of stores.
 //!
-//! [`open`] picks a reader by name, first bytes and flags. Uncompressed arrays (raw, `.npy`, NIfTI, ImageJ's large
+//! [`open`] picks a reader by name, first bytes and flags. Uncompressed arrays (raw, `.npy`, NIfTI, MRC, ImageJ's large
 //! stacks) are read by [`RawSource`], which maps the file; compressed arrays are decoded once into scratch space;
 //! TIFF, pictures and DICOM decode requested planes. [`SynthSource`] generates volumes. [`Strided`] is every n-th voxel of
 //! another source, [`Described`] a source under another description. `read_mesh` reads triangle meshes shown with a
 //! volume.
 
 #![cfg_attr(
-    not(all(feature = "dicom", feature = "pictures", feature = "tiff", feature = "vtk")),
+    not(all(feature = "dicom", feature = "npz", feature = "pictures", feature = "tiff", feature = "vtk")),
     allow(dead_code, reason = "some of what readers share is shared by these")
 )]
 
-#[cfg(not(all(feature = "dicom", feature = "pictures", feature = "tiff", feature = "vtk")))]
+#[cfg(not(all(feature = "dicom", feature = "npz", feature = "pictures", feature = "tiff", feature = "vtk")))]
 mod absent;
 mod axes;
 mod body;
+mod bov;
 mod data_files;
 mod described;
 #[cfg(feature = "dicom")]
@@ -22,6 +23,7 @@ mod dicom;
 mod dicom_files;
 mod doubles;
 mod element;
+mod envi;
 mod error;
 mod file_name;
 mod file_order;
@@ -32,14 +34,18 @@ mod format;
 mod gzip;
 mod header_lines;
 mod lengths;
+mod looks;
 mod losses;
 mod mapped;
 #[cfg(feature = "mesh")]
 mod mesh;
 mod meta_image;
+mod mrc;
 mod nifti;
 mod note;
 mod npy;
+#[cfg(feature = "npz")]
+mod npz;
 mod nrrd;
 mod numbering;
 mod open;
@@ -51,6 +57,7 @@ mod pictures;
 mod placement;
 mod raw;
 mod series;
+mod sidecar;
 mod source;
 mod spacing;
 mod stamp;
@@ -71,6 +78,8 @@ mod write_raw;
 
 #[cfg(not(feature = "dicom"))]
 use absent::dicom;
+#[cfg(not(feature = "npz"))]
+use absent::npz;
 #[cfg(not(feature = "pictures"))]
 use absent::pictures;
 #[cfg(not(feature = "tiff"))]

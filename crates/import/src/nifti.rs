@@ -1,8 +1,12 @@
-//! NIfTI-1 and NIfTI-2, both byte orders: `.nii`, `.nii.gz` and `.hdr`/`.img` pairs.
+//! NIfTI-1 and NIfTI-2, both byte orders: `.nii`, `.nii.gz` and `.hdr`/`.img` pairs; and ANALYZE 7.5, the pairs before them.
 //!
 //! The array is read through [`RawSource`], a compressed one after unpacking (see `body`). In a series this happens when its step is read, and the
 //! unpacked file goes when other steps are opened.
 
+mod analyze;
+#[cfg(test)]
+mod analyze_tests;
+mod fields;
 mod header;
 mod placement;
 
@@ -65,6 +69,10 @@ impl Found {
         let (header_path, pair_body) = pair_of(path);
         let stamp = Stamp::of(&header_path)?;
         let header = Header::read(&mut Body::open(&header_path)?.reader()?, &header_path)?;
+        if header.analyze.is_some() && header_path == pair_body {
+            let problem = "a 348-byte header without the NIfTI magic; an ANALYZE 7.5 header is a file .hdr, with its voxels in .img";
+            return Err(ImportError::invalid(path, problem));
+        }
         let body_path = if header.single_file { header_path.clone() } else { pair_body };
         let stamps = [stamp, Stamp::of(&body_path)?];
         let is_compressed = Body::open(&body_path)?.is_coded();
@@ -93,6 +101,9 @@ impl Found {
         let identity = identity("nifti", &[&self.header_path, &self.body_path])?;
         let mut info = SourceInfo { identity, ..self.header.array.info() };
         placement::place(&self.header.fields, &mut info, &mut notes);
+        if let Some(analyze) = &self.header.analyze {
+            analyze.place(&self.header.fields, &self.header_path, &mut info, &mut notes);
+        }
         placement::set_time(&self.header.fields, &mut info, &mut notes);
         info.notes = notes;
         Ok(info)
@@ -482,7 +493,11 @@ mod tests {
         assert!(refusal(Written::new(&[2, 2, 2], 128, 24)).contains("RGB"));
         assert!(refusal(Written::new(&[2, 2, 2], 4, 8)).contains("bitpix says 8"));
         assert!(refusal(Written { vox_offset: Some(-5), ..plain(&[2, 2, 2]) }).contains("from byte -5 on"));
-        let (_folder, path) = temp_file("a.hdr", &[&348i32.to_le_bytes()[..], &[0; 344]].concat());
-        assert!(open(&path, &options()).err().unwrap().to_string().contains("ANALYZE"));
+        for name in ["a.nii", "a.nii.gz"] {
+            let mut bytes = [plain(&[2, 2, 2]).header(), vec![0; 8]].concat();
+            bytes[344..348].fill(0);
+            let (_folder, path) = temp_file(name, &bytes);
+            assert!(open(&path, &options()).err().unwrap().to_string().contains("ANALYZE"));
+        }
     }
 }

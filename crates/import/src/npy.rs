@@ -26,20 +26,9 @@ const LONGEST_HEADER: usize = 65536;
 pub(crate) fn open(path: &Path, options: &OpenOptions) -> Result<RawSource> {
     let file = MappedFile::open(path)?;
     let header = Header::read(&mut &file[..], path)?;
-    if !(2..=5).contains(&header.shape.len()) {
-        let count = counted(header.shape.len() as u64, "dimension");
-        let feature = format!("an array of {count}, {:?} (2 to 5 are read),", header.shape);
-        return Err(ImportError::unsupported_but(path, feature, PLAIN));
-    }
-    let (axes, sizes) = arrange(&header.shape, options.axes.as_ref()).map_err(|p| ImportError::options(path, p))?;
-    let array = ArrayLayout {
-        sizes,
-        axes: if header.fortran_order { axes.reversed() } else { axes },
-        decode: Decode { element: header.element, endian: header.endian, scale: None },
-        offset: header.body_offset,
-    };
+    let array = header.layout(path, options)?;
     let body = array.body_bytes().map_err(|problem| ImportError::invalid(path, problem))?;
-    let expected = body.saturating_add(header.body_offset);
+    let expected = body.saturating_add(array.offset);
     let found = file.len() as u64;
     if found < expected {
         let (shape, name, missing) = (header.shape, header.element.name(), expected - found);
@@ -56,6 +45,17 @@ pub(crate) fn open(path: &Path, options: &OpenOptions) -> Result<RawSource> {
         ..array.info()
     };
     RawSource::new(file, array, info)?.with_losses(None, options)
+}
+
+/// Reads the header at the start of a file, and lays out its array.
+pub(crate) fn layout(file: &mut impl Read, path: &Path, options: &OpenOptions) -> Result<ArrayLayout> {
+    Header::read(file, path)?.layout(path, options)
+}
+
+/// Shape and type of an array by its header.
+pub(crate) fn summary(file: &mut impl Read, path: &Path) -> Result<String> {
+    let Header { shape, element, .. } = Header::read(file, path)?;
+    Ok(format!("{shape:?} {}", element.name()))
 }
 
 /// Assigns an axis to each dimension.
@@ -89,6 +89,21 @@ struct Header {
 }
 
 impl Header {
+    fn layout(&self, path: &Path, options: &OpenOptions) -> Result<ArrayLayout> {
+        if !(2..=5).contains(&self.shape.len()) {
+            let count = counted(self.shape.len() as u64, "dimension");
+            let feature = format!("an array of {count}, {:?} (2 to 5 are read),", self.shape);
+            return Err(ImportError::unsupported_but(path, feature, PLAIN));
+        }
+        let (axes, sizes) = arrange(&self.shape, options.axes.as_ref()).map_err(|p| ImportError::options(path, p))?;
+        Ok(ArrayLayout {
+            sizes,
+            axes: if self.fortran_order { axes.reversed() } else { axes },
+            decode: Decode { element: self.element, endian: self.endian, scale: None },
+            offset: self.body_offset,
+        })
+    }
+
     fn read(file: &mut impl Read, path: &Path) -> Result<Self> {
         let invalid = |problem: &str| ImportError::invalid(path, problem);
         let mut start = [0; 8];
@@ -128,7 +143,8 @@ impl Header {
         let shape = value_of(text, "shape").and_then(tuple).ok_or_else(|| lacks("shape"))?;
         let (element, endian) = element_of(descr).ok_or_else(|| {
             let advice = "bool, integers of 8 to 64 bits, float16, float32 and float64 are read";
-            ImportError::unsupported_but(path, format!("dtype '{descr}'"), advice)
+            let what = if descr.ends_with('O') { " (pickled objects)" } else { "" };
+            ImportError::unsupported_but(path, format!("dtype '{descr}'{what}"), advice)
         })?;
         Ok(Self { element, endian, fortran_order, shape, body_offset })
     }

@@ -16,12 +16,17 @@ use crate::raw::{RawLayout, RawSource};
 use crate::series::{Series, StepFile};
 use crate::source::{Source, SourceInfo};
 use crate::time::override_time;
-use crate::{dicom, foreign, meta_image, nifti, npy, nrrd, pictures, tiff_stack, vtk};
+use crate::{
+    bov, dicom, envi, foreign, meta_image, mrc, nifti, npy, npz, nrrd, pictures, tiff_stack, vtk,
+};
 use std::path::{Path, PathBuf};
 
 /// Readable formats and their names, for the message about an unknown one.
-const READ: &str = "raw (.raw, .bin, .dat, or any file with `shape` and `voxel_type`), NumPy .npy, NIfTI (.nii, .nii.gz, \
-                    .hdr with .img), NRRD (.nrrd, .nhdr), MetaImage (.mha, .mhd), VTK images (.vti, .vtk, .pvd), TIFF (.tif, .tiff, .companion.ome), pictures of a stack (.png, .jpg, .bmp), DICOM (a folder, files or one file of a series), and folders of files of one of these";
+const READ: &str = "raw (.raw, .bin, .dat, or any file with `shape` and `voxel_type`), NumPy .npy and .npz, \
+                    NIfTI (.nii, .nii.gz, .hdr with .img), ANALYZE 7.5, NRRD (.nrrd, .nhdr), MetaImage (.mha, .mhd), \
+                    MRC and CCP4 (.mrc, .map), VTK images (.vti, .vtk, .pvd), ENVI (.hdr), BOV (.bov), \
+                    TIFF (.tif, .tiff, .companion.ome), pictures of a stack (.png, .jpg, .bmp), \
+                    DICOM (a folder, files or one file of a series), and folders of files of one of these";
 
 /// Advice for duplicated files in a list.
 const AS_NAMED: &str = ", or pass `order` given to take the files as they are named";
@@ -131,6 +136,10 @@ fn open_one(path: &Path, format: Format, options: &OpenOptions) -> Result<Box<dy
     Ok(match format {
         Format::Raw => Box::new(open_raw(path, options)?),
         Format::Npy => Box::new(npy::open(path, options)?),
+        Format::Npz => Box::new(npz::open(path, options)?),
+        Format::Mrc => Box::new(mrc::open(path, options)?),
+        Format::Envi => Box::new(envi::open(path, options)?),
+        Format::Bov => Box::new(bov::open(path, options)?),
         Format::Nifti => Box::new(nifti::open(path, options)?),
         Format::Nrrd => Box::new(nrrd::open(path, options)?),
         Format::MetaImage => Box::new(meta_image::open(path, options)?),
@@ -207,6 +216,10 @@ fn format_of(path: &Path, options: &OpenOptions) -> Result<Format> {
     if start.is_empty() {
         return Err(ImportError::invalid(path, "the file is empty: fetch it again"));
     }
+    // Narrow MRC files start like DICOM ones without a preamble.
+    if mrc::has_magic(path)? {
+        return Ok(Format::Mrc);
+    }
     if is_dicom(&start) {
         return Ok(Format::Dicom);
     }
@@ -217,10 +230,19 @@ fn format_of(path: &Path, options: &OpenOptions) -> Result<Format> {
         return Ok(Format::MetaImage);
     }
     // ENVI headers share their file name with NIfTI's.
-    if foreign::is_envi(&start) {
-        foreign::refuse(path, &name)?;
+    if envi::is_envi(&start) {
+        return Ok(Format::Envi);
     }
     let by_name = Format::of_name(path);
+    if by_name == Some(Format::Mrc) || mrc::is_named(path, &name)? {
+        return Ok(Format::Mrc);
+    }
+    if by_name == Some(Format::Bov) || bov::is_bov(path)? {
+        return Ok(Format::Bov);
+    }
+    if npz::is_npz(path, &name, &start)? {
+        return Ok(Format::Npz);
+    }
     if by_name == Some(Format::Nifti) || [".img", ".img.gz"].iter().any(|end| name.ends_with(end)) {
         return Ok(Format::Nifti);
     }
@@ -263,7 +285,7 @@ fn check_kind(path: &Path) -> Result<()> {
 /// Refuses options without effect on the format: their caller expects other voxels.
 fn check_used(format: Format, path: &Path, options: &OpenOptions) -> Result<()> {
     let has_planes = matches!(format, Format::Tiff | Format::Picture(_));
-    let has_axes = has_planes || matches!(format, Format::Raw | Format::Npy);
+    let has_axes = has_planes || matches!(format, Format::Raw | Format::Npy | Format::Npz);
     let counts_axes = format == Format::Raw || has_planes && options.axes.is_some();
     let of_axes = if has_planes { "raw files, and of TIFF and pictures with `axes`" } else { "raw files" };
     let (raw, is_raw) = ("raw files, with `shape`", format == Format::Raw);
@@ -273,12 +295,12 @@ fn check_used(format: Format, path: &Path, options: &OpenOptions) -> Result<()> 
         ("offset", options.offset != 0, is_raw, raw),
         ("channels", options.channels.is_some(), counts_axes, of_axes),
         ("times", options.times.is_some(), counts_axes, of_axes),
-        ("axes", options.axes.is_some(), has_axes, "raw files, .npy, TIFF and pictures"),
+        ("axes", options.axes.is_some(), has_axes, "raw files, .npy, .npz, TIFF and pictures"),
         (
             "variable",
             options.variable.is_some(),
-            matches!(format, Format::Vtk | Format::Pvd),
-            "files of several arrays (VTK)",
+            matches!(format, Format::Npz | Format::Vtk | Format::Pvd),
+            "files of several arrays (.npz, VTK)",
         ),
         ("gaps", options.gaps != Gaps::default(), format == Format::Dicom, "DICOM series"),
     ];

@@ -63,7 +63,7 @@ pub struct OpenOptions {
     pub channels: Option<u32>,
     /// Number of time steps in a raw file (1 by default), or in a TIFF file with given `axes`.
     pub times: Option<u32>,
-    /// Order of the axes, slowest first, in place of the file's or format's. Not for NIfTI and DICOM, whose order is fixed.
+    /// Order of the axes, slowest first, in place of the file's or format's: of raw files, .npy, .npz and TIFF.
     pub axes: Option<AxisOrder>,
     /// Name of the array to read, of a file with several.
     pub variable: Option<String>,

@@ -12,6 +12,7 @@ use crate::losses::Losses;
 use crate::mapped::MappedFile;
 use crate::options::OpenOptions;
 use crate::source::{Lent, Source, SourceInfo, Take};
+use crate::step_time::StepTime;
 use brickyard_volume::{Extent, VoxelBox, VoxelType};
 use std::path::Path;
 
@@ -50,6 +51,7 @@ pub struct RawSource {
     info: SourceInfo,
     file: MappedFile,
     array: ArrayLayout,
+    step_time: StepTime,
 }
 
 /// Layout of an array's voxels in its file.
@@ -122,7 +124,13 @@ impl RawSource {
             let problem = format!("shrank to {} bytes while it was opened", file.len());
             return Err(ImportError::invalid(&file.path, problem));
         }
-        Ok(Self { info, file, array })
+        Ok(Self { info, file, array, step_time: StepTime::default() })
+    }
+
+    /// Sets the times stored with the array.
+    pub(crate) fn at(mut self, step_time: StepTime) -> Self {
+        self.step_time = step_time;
+        self
     }
 
     /// Completes the description where it depends on the voxel type left by [`RawSource::with_losses`].
@@ -181,6 +189,10 @@ impl Source for RawSource {
 
     fn scratch_bytes(&self) -> u64 {
         self.file.scratch_bytes()
+    }
+
+    fn step_time(&self) -> StepTime {
+        self.step_time.clone()
     }
 
     fn lend(&self, time: u32, channel: u32, region: VoxelBox, take: Take<'_>) -> Result<bool, ImportError> {

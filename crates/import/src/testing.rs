@@ -2,6 +2,8 @@
 //! order, and the check that a source delivers it whole and in random boxes.
 
 use crate::note::Note;
+use crate::open::open;
+use crate::options::OpenOptions;
 use crate::source::Source;
 use brickyard_volume::{VoxelBox, VoxelType, with_voxel_type};
 use proptest::prelude::*;
@@ -156,4 +158,24 @@ pub(crate) fn said(notes: &[Note]) -> String {
 pub(crate) fn is_warned(said: &str, words: &str) -> bool {
     let Some((before, _)) = said.split_once(words) else { return false };
     before.rfind("warning: ") > before.rfind("note: ")
+}
+
+/// A source, and the temporary folder of its file.
+pub(crate) struct Opened {
+    source: Box<dyn Source>,
+    _folder: tempfile::TempDir,
+}
+
+impl std::ops::Deref for Opened {
+    type Target = dyn Source;
+
+    fn deref(&self) -> &Self::Target {
+        &*self.source
+    }
+}
+
+/// Opens a file written by [`temp_file`], or gives the error's message.
+pub(crate) fn open_in((folder, path): (tempfile::TempDir, PathBuf), options: &OpenOptions) -> Result<Opened, String> {
+    let source = open(&[path], options).map_err(|error| error.to_string())?;
+    Ok(Opened { source, _folder: folder })
 }

@@ -1,5 +1,7 @@
-//! The two NIfTI headers as one struct, with every field checked.
+//! The two NIfTI headers, and ANALYZE's, as one struct, with every field checked.
 
+use super::analyze::Analyze;
+use super::fields::{Bytes, Fields};
 use crate::axes::{Axis, AxisOrder, Sizes};
 use crate::element::{Decode, Element, Endian, Scale};
 use crate::error::{ImportError, Result};
@@ -14,6 +16,7 @@ pub(super) struct Header {
     /// The voxels in the body's file.
     pub(super) array: ArrayLayout,
     pub(super) fields: Fields,
+    pub(super) analyze: Option<Analyze>,
 }
 
 impl Header {
@@ -36,17 +39,20 @@ impl Header {
             return Err(ImportError::invalid(path, problem));
         }
         let magic: &[u8] = if two { &bytes[4..8] } else { &bytes[344..348] };
-        let single_file = match (magic, two) {
-            (b"n+1\0", false) | (b"n+2\0", true) => true,
-            (b"ni1\0", false) | (b"ni2\0", true) => false,
-            (_, false) => {
-                let advice = "convert it to NIfTI, as fslchfiletype or 3D Slicer do";
-                return Err(ImportError::unsupported_but(path, "an ANALYZE 7.5 header (no NIfTI magic)", advice));
+        let (single_file, is_analyze) = match (magic, two) {
+            (b"n+1\0", false) | (b"n+2\0", true) => (true, false),
+            (b"ni1\0", false) | (b"ni2\0", true) => (false, false),
+            ([b'n', b'+' | b'i', ..], false) => {
+                return Err(ImportError::invalid(path, "a 348-byte header with a damaged NIfTI magic"));
             }
+            (_, false) => (false, true),
             (_, true) => return Err(ImportError::invalid(path, "a 540-byte header without the NIfTI-2 magic")),
         };
-        let fields = Bytes { bytes: &bytes, endian, two }.fields();
-        fields.checked(endian, single_file, needed as u64).map_err(|refusal| match refusal {
+        let bytes = Bytes { bytes: &bytes, endian, two };
+        let mut fields = bytes.fields();
+        let analyze = is_analyze.then(|| Analyze::of(&bytes, &mut fields));
+        let checked = fields.checked(endian, single_file, needed as u64).map(|header| Self { analyze, ..header });
+        checked.map_err(|refusal| match refusal {
             Refusal::Invalid(problem) => ImportError::invalid(path, problem),
             Refusal::Unsupported(feature) => {
                 let advice = "write it again as plain numbers in up to five dimensions (nibabel, fslsplit)";
@@ -61,30 +67,6 @@ enum Refusal {
     Unsupported(String),
 }
 
-/// Header fields as stored in the file, as far as a volume needs them.
-pub(super) struct Fields {
-    dim: [i64; 8],
-    datatype: i16,
-    bitpix: i16,
-    /// First the handedness factor (the sign of the third axis), then the voxel sizes along x, y, z, and the distance from one time step to
-    /// the next, or along whatever else the fourth axis is.
-    pub(super) pixdim: [f64; 5],
-    pub(super) time_start: f64,
-    vox_offset: f64,
-    slope: f64,
-    intercept: f64,
-    /// Unit of length (1 metre, 2 millimetre, 3 micrometre), plus that of the fourth axis (8 second, 16 millisecond, 24 microsecond; greater
-    /// ones are no times).
-    pub(super) xyzt_units: u8,
-    pub(super) qform_code: i32,
-    pub(super) sform_code: i32,
-    /// Components b, c, d of the rotation quaternion of the qform.
-    pub(super) quaternion: [f64; 3],
-    pub(super) qoffset: [f64; 3],
-    /// Rows of the affine matrix of the sform.
-    pub(super) srow: [[f64; 4]; 3],
-}
-
 impl Fields {
     fn checked(self, endian: Endian, single_file: bool, header_bytes: u64) -> Result<Header, Refusal> {
         let (sizes, element) = (self.sizes()?, self.element()?);
@@ -92,7 +74,7 @@ impl Fields {
         let decode = Decode { element, endian, scale: self.scale()? };
         // The fifth dimension, read as channels, is the slowest.
         let axes = AxisOrder::of(&[Axis::C, Axis::T, Axis::Z, Axis::Y, Axis::X]);
-        Ok(Header { single_file, array: ArrayLayout { sizes, axes, decode, offset }, fields: self })
+        Ok(Header { single_file, array: ArrayLayout { sizes, axes, decode, offset }, fields: self, analyze: None })
     }
 
     fn sizes(&self) -> Result<Sizes, Refusal> {
@@ -171,75 +153,5 @@ impl Fields {
             return Err(Refusal::Invalid(format!("declares voxels from byte {offset} on; expected {least} or more")));
         }
         Ok(offset as u64)
-    }
-}
-
-/// Numbers at byte positions of a header of checked length.
-struct Bytes<'a> {
-    bytes: &'a [u8],
-    endian: Endian,
-    /// Whether it is of NIfTI-2.
-    two: bool,
-}
-
-impl Bytes<'_> {
-    fn at<const N: usize>(&self, offset: usize) -> [u8; N] {
-        let mut bytes = [0; N];
-        bytes.copy_from_slice(&self.bytes[offset..offset + N]);
-        if self.endian == Endian::Big {
-            bytes.reverse();
-        }
-        bytes
-    }
-
-    fn i16(&self, offset: usize) -> i16 {
-        i16::from_le_bytes(self.at(offset))
-    }
-
-    fn i32(&self, offset: usize) -> i32 {
-        i32::from_le_bytes(self.at(offset))
-    }
-
-    fn i64(&self, offset: usize) -> i64 {
-        i64::from_le_bytes(self.at(offset))
-    }
-
-    /// Reads an f32 exactly, for computing voxels.
-    fn exact_f32(&self, offset: usize) -> f64 {
-        f32::from_le_bytes(self.at(offset)) as f64
-    }
-
-    /// Reads an f32 as the shortest decimal that identifies it: 0.1 mm stays 0.1 instead of 0.10000000149.
-    fn f32(&self, offset: usize) -> f64 {
-        let value = f32::from_le_bytes(self.at(offset));
-        value.to_string().parse().unwrap_or(value as f64)
-    }
-
-    fn f64(&self, offset: usize) -> f64 {
-        f64::from_le_bytes(self.at(offset))
-    }
-
-    /// Reads every field, given with its bytes in NIfTI-1 and in NIfTI-2.
-    fn fields(&self) -> Fields {
-        let two = self.two;
-        let code = |one, at| if two { self.i32(at) } else { self.i16(one).into() };
-        let exact = |one, at| if two { self.f64(at) } else { self.exact_f32(one) };
-        let number = |one, at, i| if two { self.f64(at + 8 * i) } else { self.f32(one + 4 * i) };
-        Fields {
-            dim: std::array::from_fn(|i| if two { self.i64(16 + 8 * i) } else { self.i16(40 + 2 * i).into() }),
-            datatype: self.i16(if two { 12 } else { 70 }),
-            bitpix: self.i16(if two { 14 } else { 72 }),
-            pixdim: std::array::from_fn(|i| number(76, 104, i)),
-            time_start: number(136, 216, 0),
-            vox_offset: if two { self.i64(168) as f64 } else { self.f32(108) },
-            slope: exact(112, 176),
-            intercept: exact(116, 184),
-            xyzt_units: if two { (self.i32(500) & 0xff) as u8 } else { self.bytes[123] },
-            qform_code: code(252, 344),
-            sform_code: code(254, 348),
-            quaternion: std::array::from_fn(|i| number(256, 352, i)),
-            qoffset: std::array::from_fn(|i| number(268, 376, i)),
-            srow: std::array::from_fn(|row| std::array::from_fn(|i| number(280, 400, 4 * row + i))),
-        }
     }
 }

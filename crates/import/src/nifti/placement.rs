@@ -1,7 +1,7 @@
 //! Placement of a NIfTI volume: spacing from `pixdim`, position from the sform or, without one, the qform; times from `pixdim`
 //! and `toffset`.
 
-use super::header::Fields;
+use super::fields::Fields;
 use crate::note::Note;
 use crate::placement::set_matrix;
 use crate::source::SourceInfo;

@@ -1,0 +1,64 @@
+//! MRC2014 files and CCP4 maps, both byte orders, also compressed by gzip: `.mrc`, `.mrcs`, `.map`, `.ccp4`, and IMOD's `.rec`, `.st`, `.ali`.
+//!
+//! A header of 1024 bytes and an extended one stand before a plain array, which is read through [`RawSource`], after unpacking if need be.
+
+mod header;
+mod placement;
+#[cfg(test)]
+mod tests;
+
+use crate::body::Body;
+use crate::error::Result;
+use crate::files::first_bytes;
+use crate::looks;
+use crate::options::OpenOptions;
+use crate::raw::{RawSource, identity};
+use crate::source::SourceInfo;
+use crate::stamp::Stamp;
+use header::{HEADER_BYTES, Header};
+use std::io::Read;
+use std::path::Path;
+
+/// Names of files that may lack the magic bytes; others of these names exist.
+const NAMES: [&str; 7] = [".mrc", ".mrcs", ".map", ".ccp4", ".rec", ".st", ".ali"];
+
+/// Opens an MRC file.
+pub(crate) fn open(path: &Path, options: &OpenOptions) -> Result<RawSource> {
+    let stamp = Stamp::of(path)?;
+    let header = Header::read(&start_of(path)?, path)?;
+    let mut notes = header.notes;
+    let mut info = SourceInfo { identity: identity("mrc", &[path])?, ..header.array.info() };
+    info.channel_looks = match info.channels {
+        2 => looks::named(&looks::COMPLEX),
+        3 => looks::colors(info.voxel_type),
+        _ => Vec::new(),
+    };
+    placement::place(&header.fields, &mut info, &mut notes);
+    info.notes = notes;
+    let source = Body::open(path)?.source(header.array, info, options)?;
+    stamp.check(path)?;
+    Ok(source)
+}
+
+/// Whether a file is of this format by its magic bytes.
+pub(crate) fn has_magic(path: &Path) -> Result<bool> {
+    Ok(Header::has_magic(&start_of(path)?))
+}
+
+/// Whether a file is of this format by its name (in lower case), and by a header that makes sense.
+pub(crate) fn is_named(path: &Path, name: &str) -> Result<bool> {
+    let name = name.strip_suffix(".gz").unwrap_or(name);
+    Ok(NAMES.iter().any(|end| name.ends_with(end)) && Header::makes_sense(&start_of(path)?))
+}
+
+/// The header's bytes, unpacked; fewer if the file is cut short or its compressed data are damaged.
+fn start_of(path: &Path) -> Result<Vec<u8>> {
+    let body = Body::open(path)?;
+    if !body.is_coded() {
+        return first_bytes(path, HEADER_BYTES);
+    }
+    let mut start = Vec::with_capacity(HEADER_BYTES);
+    // Damage is reported by whoever needs the bytes behind it.
+    let _ = body.reader()?.take(HEADER_BYTES as u64).read_to_end(&mut start);
+    Ok(start)
+}
