@@ -20,6 +20,8 @@ import sys
 import venv
 
 REQUIREMENTS = """
+h5py==3.16.0
+hdf5plugin==7.1.0
 imagecodecs==2026.3.6
 imageio==2.38.1
 mrcfile==1.5.4

@@ -7,6 +7,8 @@ import logging
 import struct
 import warnings
 
+import h5py
+import hdf5plugin
 import imagecodecs
 import nibabel
 import nrrd
@@ -35,6 +37,7 @@ def written_cases(folder, count, seed, kinds=None):
         ("npy", write_npy, 1),
         ("nrrd", write_nrrd, 1),
         ("metaimage", write_meta_image, 1),
+        ("hdf5", write_hdf5, 1),
         ("dicom", write_dicom, 1),
         ("files", write_files, 4),
         ("pictures", write_pictures, 1),
@@ -520,3 +523,54 @@ def described(rng, array, stored, signed, frames, little=True):
         own.PlanePositionSequence[0].ImagePositionPatient = [float(n) for n in np.array([5.0, -6.5, 3.0]) + i * thickness * normal]
         file.PerFrameFunctionalGroupsSequence.append(own)
     return file
+
+
+# HDF5
+
+
+def write_hdf5(rng, stem, name):
+    dtype = pick(rng, *TYPES, *TYPES, "b1", "c8", "c16")
+    # The parts of complex numbers are channels already.
+    more = [] if dtype[0] == "c" else ["zyxc", "tczyx"]
+    axes = pick(rng, "yx", "zyx", "zyx", "tyx", "xyz", "tzyx", *more)
+    shape = [int(n) for n in rng.integers(2, 30 if len(axes) < 4 else 8, len(axes))]
+    array = noise(rng, dtype, *shape)
+    array = array.astype(array.dtype.newbyteorder(pick(rng, "<", ">")))
+    filters = {
+        "whole": {},
+        "chunks": {},
+        "gzip": {"compression": "gzip"},
+        "lzf": {"compression": "lzf", "shuffle": True},
+        "szip": {"compression": "szip"},
+        "lz4": hdf5plugin.LZ4(),
+        "zstd": hdf5plugin.Zstd(),
+        "bitshuffle": hdf5plugin.Bitshuffle(cname=pick(rng, "none", "lz4", "zstd")),
+        "blosc": hdf5plugin.Blosc(),
+    }
+    codec = pick(rng, *filters)
+    options = dict(filters[codec])
+    if codec != "whole":
+        options["chunks"] = tuple(int(rng.integers(1, n + 1)) for n in array.shape)
+        most = {"same": array.shape, "more": tuple(n + 7 for n in array.shape), "endless": (None,) * array.ndim}
+        options["maxshape"] = most[pick(rng, *most)]
+        options["fletcher32"] = bool(rng.random() < 0.2)
+    if array.dtype.kind != "c" and rng.random() < 0.3:
+        options["fillvalue"] = array.dtype.type(7)
+    path = stem.with_suffix(".h5")
+    with h5py.File(path, "w", libver=pick(rng, "earliest", "latest"), userblock_size=int(pick(rng, 0, 0, 512))) as file:
+        made = file.create_dataset("entry/data", array.shape, array.dtype, **options)
+        # A part of the chunks, or all.
+        part = tuple(slice(0, int(rng.integers(1, n + 1))) for n in array.shape) if rng.random() < 0.3 else ...
+        made[part] = array[part]
+        file["line"] = np.arange(3)
+    case = Case(name, "written", "hdf5", f"{codec} {array.dtype.newbyteorder('=').name}", [path], None, ["--axes", axes])
+    case.reference = lambda: hdf5_reference(path, axes)
+    return case
+
+
+def hdf5_reference(path, axes):
+    with h5py.File(path) as file:
+        array = file["entry/data"][...]
+    if array.dtype.kind == "c":
+        array, axes = np.stack([array.real, array.imag]), "c" + axes
+    return Reference(in_five(array, axes.upper()))

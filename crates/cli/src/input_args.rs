@@ -27,7 +27,8 @@ pub(crate) struct InputArguments {
     /// Axis letters of the input's array, slowest first, e.g. tczyx [default: the file's; tczyx of raw input]
     #[arg(help_heading = heading::INPUT, long)]
     axes: Option<AxisOrder>,
-    /// Array to read, from a file that holds several [default: the only one]
+    /// Array or dataset to read, from a file of several; an HDF5 dataset also as FILE::PATH [default: the file's own
+    /// choice, or its only one]
     #[arg(help_heading = heading::INPUT, long, value_name = "NAME")]
     variable: Option<String>,
     /// Time steps in the file, for raw input with a t axis [default: 1]

@@ -44,6 +44,19 @@ pub(crate) mod npz {
     }
 }
 
+#[cfg(not(feature = "hdf5"))]
+pub(crate) mod hdf5 {
+    use super::*;
+
+    pub(crate) fn is_hdf5(path: &Path) -> Result<bool> {
+        Ok(crate::files::first_bytes(path, 8)? == b"\x89HDF\r\n\x1a\n")
+    }
+
+    pub(crate) fn open(path: &Path, _: &OpenOptions) -> Result<Box<dyn Source>> {
+        Err(ImportError::unsupported_but(path, "HDF5", "this program was built without the feature `hdf5`"))
+    }
+}
+
 #[cfg(not(feature = "tiff"))]
 pub(crate) mod tiff_stack {
     use super::*;

@@ -14,8 +14,6 @@ const PICTURES: &str = "convert the pictures of a stack to PNG or TIFF";
 
 /// Place in a file, the bytes there, the format, and advice.
 const MAGICS: &[(usize, &[u8], &str, &str)] = &[
-    (0, b"\x89HDF\r\n\x1a\n", "an HDF5 file (NetCDF-4, Imaris, MINC 2, MATLAB 7.3 and others)", CONVERT),
-    (512, b"\x89HDF\r\n\x1a\n", "an HDF5 file (NetCDF-4, Imaris, MINC 2, MATLAB 7.3 and others)", CONVERT),
     (0, b"MATLAB 5.0", "a MATLAB file", CONVERT),
     (0, b"CDF\x01", "a NetCDF file", CONVERT),
     (0, b"CDF\x02", "a NetCDF file", CONVERT),

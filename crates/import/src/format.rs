@@ -18,6 +18,7 @@ pub(crate) enum Format {
     Mrc,
     Envi,
     Bov,
+    Hdf5,
     Raw,
 }
 
@@ -66,6 +67,7 @@ impl Format {
             () if ends(&[".mha", ".mhd"]) => Some(Self::MetaImage),
             () if ends(&[".vti", ".vtk"]) => Some(Self::Vtk),
             () if ends(&[".pvd"]) => Some(Self::Pvd),
+            () if ends(&[".h5", ".hdf5", ".he5", ".nc4", ".ims"]) => Some(Self::Hdf5),
             () if ends(&[".raw", ".bin", ".dat"]) => Some(Self::Raw),
             () => None,
         }
@@ -88,6 +90,7 @@ impl Format {
             Self::MetaImage => "MetaImage",
             Self::Vtk => "VTK",
             Self::Pvd => ".pvd",
+            Self::Hdf5 => "HDF5",
             Self::Raw => "raw",
         }
     }

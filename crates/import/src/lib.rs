@@ -7,11 +7,11 @@
 //! volume.
 
 #![cfg_attr(
-    not(all(feature = "dicom", feature = "npz", feature = "pictures", feature = "tiff", feature = "vtk")),
+    not(all(feature = "dicom", feature = "hdf5", feature = "npz", feature = "pictures", feature = "tiff", feature = "vtk")),
     allow(dead_code, reason = "some of what readers share is shared by these")
 )]
 
-#[cfg(not(all(feature = "dicom", feature = "npz", feature = "pictures", feature = "tiff", feature = "vtk")))]
+#[cfg(not(all(feature = "dicom", feature = "hdf5", feature = "npz", feature = "pictures", feature = "tiff", feature = "vtk")))]
 mod absent;
 mod axes;
 mod body;
@@ -32,6 +32,8 @@ mod folder;
 mod foreign;
 mod format;
 mod gzip;
+#[cfg(feature = "hdf5")]
+mod hdf5;
 mod header_lines;
 mod lengths;
 mod looks;
@@ -72,12 +74,15 @@ mod testing;
 #[cfg(feature = "tiff")]
 mod tiff_stack;
 mod time;
+mod variable;
 #[cfg(feature = "vtk")]
 mod vtk;
 mod write_raw;
 
 #[cfg(not(feature = "dicom"))]
 use absent::dicom;
+#[cfg(not(feature = "hdf5"))]
+use absent::hdf5;
 #[cfg(not(feature = "npz"))]
 use absent::npz;
 #[cfg(not(feature = "pictures"))]

@@ -16,8 +16,9 @@ use crate::raw::{RawLayout, RawSource};
 use crate::series::{Series, StepFile};
 use crate::source::{Source, SourceInfo};
 use crate::time::override_time;
+use crate::variable::split_variable;
 use crate::{
-    bov, dicom, envi, foreign, meta_image, mrc, nifti, npy, npz, nrrd, pictures, tiff_stack, vtk,
+    bov, dicom, envi, foreign, hdf5, meta_image, mrc, nifti, npy, npz, nrrd, pictures, tiff_stack, vtk,
 };
 use std::path::{Path, PathBuf};
 
@@ -25,6 +26,7 @@ use std::path::{Path, PathBuf};
 const READ: &str = "raw (.raw, .bin, .dat, or any file with `shape` and `voxel_type`), NumPy .npy and .npz, \
                     NIfTI (.nii, .nii.gz, .hdr with .img), ANALYZE 7.5, NRRD (.nrrd, .nhdr), MetaImage (.mha, .mhd), \
                     MRC and CCP4 (.mrc, .map), VTK images (.vti, .vtk, .pvd), ENVI (.hdr), BOV (.bov), \
+                    HDF5 (.h5, .hdf5, .nc of NetCDF-4, .ims), \
                     TIFF (.tif, .tiff, .companion.ome), pictures of a stack (.png, .jpg, .bmp), \
                     DICOM (a folder, files or one file of a series), and folders of files of one of these";
 
@@ -38,8 +40,9 @@ const AS_NAMED: &str = ", or pass `order` given to take the files as they are na
 /// # Errors
 /// If the input cannot be read. The message names the file, the reason and the helpful option of [`OpenOptions`], in backticks.
 pub fn open(inputs: &[PathBuf], options: &OpenOptions) -> Result<Box<dyn Source>, ImportError> {
+    let (inputs, options) = &split_variable(inputs, options)?;
     // `unordered`: nobody has put the files in order.
-    let (paths, folder, unordered) = match inputs {
+    let (paths, folder, unordered) = match &inputs[..] {
         [] => return Err(ImportError::options(Path::new("input"), "none given")),
         [folder] if folder.is_dir() => (files_of(folder, options, READ)?, true, true),
         [one] => pattern::expand(one)?.map_or_else(|| (vec![one.clone()], false, false), |files| (files, false, true)),
@@ -148,6 +151,7 @@ fn open_one(path: &Path, format: Format, options: &OpenOptions) -> Result<Box<dy
         Format::Tiff => tiff_stack::open_file(path, options, !options.is_step)?,
         Format::Picture(kind) => pictures::open(&[path.to_owned()], kind, options)?,
         Format::Dicom => dicom::open_file(path, options)?,
+        Format::Hdf5 => hdf5::open(path, options)?,
     })
 }
 
@@ -253,6 +257,9 @@ fn format_of(path: &Path, options: &OpenOptions) -> Result<Format> {
     if tiff_magics.iter().any(|magic| start.starts_with(magic)) || by_name == Some(Format::Tiff) {
         return Ok(Format::Tiff);
     }
+    if hdf5::is_hdf5(path)? || by_name == Some(Format::Hdf5) {
+        return Ok(Format::Hdf5);
+    }
     if tiff_stack::is_companion(path)? {
         return Ok(Format::Tiff);
     }
@@ -285,7 +292,7 @@ fn check_kind(path: &Path) -> Result<()> {
 /// Refuses options without effect on the format: their caller expects other voxels.
 fn check_used(format: Format, path: &Path, options: &OpenOptions) -> Result<()> {
     let has_planes = matches!(format, Format::Tiff | Format::Picture(_));
-    let has_axes = has_planes || matches!(format, Format::Raw | Format::Npy | Format::Npz);
+    let has_axes = has_planes || matches!(format, Format::Raw | Format::Npy | Format::Npz | Format::Hdf5);
     let counts_axes = format == Format::Raw || has_planes && options.axes.is_some();
     let of_axes = if has_planes { "raw files, and of TIFF and pictures with `axes`" } else { "raw files" };
     let (raw, is_raw) = ("raw files, with `shape`", format == Format::Raw);
@@ -295,12 +302,12 @@ fn check_used(format: Format, path: &Path, options: &OpenOptions) -> Result<()> 
         ("offset", options.offset != 0, is_raw, raw),
         ("channels", options.channels.is_some(), counts_axes, of_axes),
         ("times", options.times.is_some(), counts_axes, of_axes),
-        ("axes", options.axes.is_some(), has_axes, "raw files, .npy, .npz, TIFF and pictures"),
+        ("axes", options.axes.is_some(), has_axes, "raw files, .npy, .npz, HDF5, TIFF and pictures"),
         (
             "variable",
             options.variable.is_some(),
-            matches!(format, Format::Npz | Format::Vtk | Format::Pvd),
-            "files of several arrays (.npz, VTK)",
+            matches!(format, Format::Hdf5 | Format::Npz | Format::Vtk | Format::Pvd),
+            "files of several arrays (HDF5, .npz, VTK)",
         ),
         ("gaps", options.gaps != Gaps::default(), format == Format::Dicom, "DICOM series"),
     ];

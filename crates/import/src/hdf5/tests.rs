@@ -1,0 +1,354 @@
+//! Files made by hand from the format's specification: superblock 2, object headers 2, groups of link messages.
+
+use super::open;
+use crate::open::open as open_any;
+use crate::options::{NoData, OpenOptions};
+use crate::source::Access;
+use crate::testing::{Field, assert_boxes, said, temp_file};
+use brickyard_volume::VoxelType;
+use hdf5_reader::checksum::jenkins_lookup3;
+use proptest::prelude::*;
+use std::path::Path;
+
+const UNDEFINED: u64 = u64::MAX;
+
+/// A file under construction.
+struct Builder {
+    bytes: Vec<u8>,
+    links: Vec<(&'static str, u64)>,
+    attributes: Vec<Vec<u8>>,
+}
+
+/// Where the elements of a test dataset go.
+#[derive(Clone, Copy)]
+enum Place {
+    Piece,
+    Compact,
+    /// In chunks of this shape; deflated.
+    Chunks([u64; 3]),
+    Blank,
+}
+
+fn message(kind: u8, body: &[u8]) -> Vec<u8> {
+    [&[kind][..], &(body.len() as u16).to_le_bytes(), &[0], body].concat()
+}
+
+fn header(messages: &[Vec<u8>]) -> Vec<u8> {
+    let body = messages.concat();
+    let start = [&b"OHDR\x02\x02"[..], &(body.len() as u32).to_le_bytes(), &body].concat();
+    [&start[..], &jenkins_lookup3(&start).to_le_bytes()].concat()
+}
+
+fn space(shape: &[u64]) -> Vec<u8> {
+    let sizes: Vec<u8> = shape.iter().flat_map(|size| size.to_le_bytes()).collect();
+    [&[2, shape.len() as u8, 0, 1][..], &sizes].concat()
+}
+
+fn datatype(voxel_type: VoxelType, big: bool) -> Vec<u8> {
+    let size = voxel_type.bytes() as u8;
+    match voxel_type {
+        VoxelType::F32 => {
+            [0x11, 0x20 | u8::from(big), 31, 0, 4, 0, 0, 0, 0, 0, 32, 0, 23, 8, 0, 23, 127, 0, 0, 0].into()
+        }
+        other => {
+            let signed = u8::from(other.limits().0 < 0.0) << 3;
+            vec![0x10, u8::from(big) | signed, 0, 0, size, 0, 0, 0, 0, 0, size * 8, 0]
+        }
+    }
+}
+
+/// An attribute: a text, or doubles.
+fn attribute(name: &str, kind: &[u8], shape: &[u64], data: &[u8]) -> Vec<u8> {
+    let (name, space) = ([name.as_bytes(), &[0]].concat(), space(shape));
+    let sizes: Vec<u8> =
+        [&name, &kind.to_vec(), &space].iter().flat_map(|part| (part.len() as u16).to_le_bytes()).collect();
+    message(12, &[&[3, 0][..], &sizes, &[0], &name, kind, &space, data].concat())
+}
+
+fn text_attribute(name: &str, text: &str) -> Vec<u8> {
+    attribute(name, &[0x13, 0, 0, 0, text.len() as u8, 0, 0, 0], &[1], text.as_bytes())
+}
+
+fn number_attribute(name: &str, numbers: &[f64]) -> Vec<u8> {
+    let double = [0x11, 0x20, 63, 0, 8, 0, 0, 0, 0, 0, 64, 0, 52, 11, 0, 52, 0xff, 3, 0, 0];
+    let data: Vec<u8> = numbers.iter().flat_map(|number| number.to_le_bytes()).collect();
+    attribute(name, &double, &[numbers.len() as u64], &data)
+}
+
+impl Builder {
+    fn new() -> Self {
+        Self { bytes: vec![0; 48], links: Vec::new(), attributes: Vec::new() }
+    }
+
+    fn put(&mut self, bytes: &[u8]) -> u64 {
+        let at = self.bytes.len() as u64;
+        self.bytes.extend_from_slice(bytes);
+        at
+    }
+
+    /// Adds a dataset, and the attributes collected so far to it.
+    fn set(mut self, name: &'static str, kind: &[u8], shape: &[u64], data: &[u8], place: Place) -> Self {
+        let mut messages = vec![message(1, &space(shape)), message(3, kind)];
+        match place {
+            Place::Piece => {
+                let at = self.put(data);
+                let layout = [&[3, 1][..], &at.to_le_bytes(), &(data.len() as u64).to_le_bytes()].concat();
+                messages.push(message(8, &layout));
+            }
+            Place::Compact => {
+                messages.push(message(8, &[&[3, 0][..], &(data.len() as u16).to_le_bytes(), data].concat()));
+            }
+            Place::Blank => {
+                messages.push(message(8, &[&[3, 1][..], &UNDEFINED.to_le_bytes(), &0u64.to_le_bytes()].concat()));
+            }
+            Place::Chunks(chunk) => {
+                let tree = self.chunks(shape, chunk, data);
+                let sizes: Vec<u8> = chunk.iter().flat_map(|size| (*size as u32).to_le_bytes()).collect();
+                let element = (data.len() as u64 / shape.iter().product::<u64>()) as u32;
+                let layout = [&[3, 2, 4][..], &tree.to_le_bytes(), &sizes, &element.to_le_bytes()].concat();
+                messages.push(message(8, &layout));
+                // Deflate, of level 6.
+                messages.push(message(11, &[2, 1, 1, 0, 0, 0, 1, 0, 6, 0, 0, 0]));
+            }
+        }
+        messages.append(&mut self.attributes);
+        let at = self.put(&header(&messages));
+        self.links.push((name, at));
+        self
+    }
+
+    /// Writes chunks, padded with 0xee, and their B-tree of version 1. Returns the tree's place.
+    fn chunks(&mut self, shape: &[u64], chunk: [u64; 3], data: &[u8]) -> u64 {
+        let bytes = (data.len() as u64 / shape.iter().product::<u64>()) as usize;
+        let mut entries = Vec::new();
+        let starts = |a: usize| (0..shape[a]).step_by(chunk[a] as usize);
+        for (z, y, x) in starts(0).flat_map(|z| starts(1).flat_map(move |y| starts(2).map(move |x| (z, y, x)))) {
+            let mut part = Vec::new();
+            for (dz, dy, dx) in
+                (0..chunk[0]).flat_map(|dz| (0..chunk[1]).flat_map(move |dy| (0..chunk[2]).map(move |dx| (dz, dy, dx))))
+            {
+                let place = [z + dz, y + dy, x + dx];
+                let is_inside = (0..3).all(|a| place[a] < shape[a]);
+                let at = ((place[0] * shape[1] + place[1]) * shape[2] + place[2]) as usize * bytes;
+                match is_inside {
+                    true => part.extend_from_slice(&data[at..at + bytes]),
+                    false => part.extend(std::iter::repeat_n(0xee, bytes)),
+                }
+            }
+            let mut encoder = flate2::write::ZlibEncoder::new(Vec::new(), flate2::Compression::default());
+            std::io::Write::write_all(&mut encoder, &part).unwrap();
+            let coded = encoder.finish().unwrap();
+            let at = self.put(&coded);
+            entries.push((coded.len() as u32, [z, y, x], at));
+        }
+        let key = |size: u32, place: [u64; 3]| {
+            let place: Vec<u8> = place.iter().chain(&[0]).flat_map(|at| at.to_le_bytes()).collect();
+            [&size.to_le_bytes()[..], &[0; 4], &place].concat()
+        };
+        let mut node = [&b"TREE\x01\x00"[..], &(entries.len() as u16).to_le_bytes(), &[0xff; 16]].concat();
+        for (size, place, at) in entries {
+            node.extend(key(size, place));
+            node.extend(at.to_le_bytes());
+        }
+        node.extend(key(0, [shape[0], shape[1], shape[2]]));
+        self.put(&node)
+    }
+
+    fn with(mut self, attribute: Vec<u8>) -> Self {
+        self.attributes.push(attribute);
+        self
+    }
+
+    /// The file, with the remaining attributes at its root.
+    fn finish(mut self) -> Vec<u8> {
+        let link = |(name, at): &(&str, u64)| {
+            message(6, &[&[1, 0, name.len() as u8][..], name.as_bytes(), &at.to_le_bytes()].concat())
+        };
+        let mut messages: Vec<Vec<u8>> = self.links.iter().map(link).collect();
+        messages.append(&mut self.attributes);
+        let root = self.put(&header(&messages));
+        let end = self.bytes.len() as u64;
+        let start = [
+            &b"\x89HDF\r\n\x1a\n\x02\x08\x08\x00"[..],
+            &0u64.to_le_bytes(),
+            &UNDEFINED.to_le_bytes(),
+            &end.to_le_bytes(),
+            &root.to_le_bytes(),
+        ]
+        .concat();
+        self.bytes[..44].copy_from_slice(&start);
+        self.bytes[44..48].copy_from_slice(&jenkins_lookup3(&start).to_le_bytes());
+        self.bytes
+    }
+}
+
+fn refusal(path: &Path, options: &OpenOptions) -> String {
+    open_any(&[path.to_owned()], options).err().unwrap().to_string()
+}
+
+fn small(place: Place) -> Builder {
+    let data: Vec<u8> = (0..24).collect();
+    Builder::new().set("a", &datatype(VoxelType::U8, false), &[2, 3, 4], &data, place)
+}
+
+#[test]
+fn every_type_order_and_place_is_read() {
+    let chunks = [[2, 3, 4], [5, 4, 3], [1, 1, 7], [8, 8, 8]].map(Place::Chunks);
+    for voxel_type in VoxelType::ALL {
+        for big in [false, true] {
+            for place in [Place::Piece, Place::Compact].into_iter().chain(chunks) {
+                let field = Field { sizes: [7, 5, 4, 1, 1], voxel_type };
+                let data = field.bytes("zyx", big);
+                let file = Builder::new().set("a", &datatype(voxel_type, big), &[4, 5, 7], &data, place).finish();
+                // Also behind a user block, and under a name that says nothing.
+                for name in ["a.h5", "b"] {
+                    let block = if name == "b" { 512 } else { 0 };
+                    let (_folder, path) = temp_file(name, &[&vec![7; block][..], &file].concat());
+                    let source = open_any(&[path], &OpenOptions::default()).unwrap();
+                    assert_boxes(&*source, field);
+                    assert!(said(&source.info().notes).contains("/a is read, the only volume"));
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn axes_follow_the_user() {
+    for (axes, shape) in [("tcyx", [3, 2, 5, 7]), ("xyzc", [7, 5, 4, 2])] {
+        let sizes = if axes == "tcyx" { [7, 5, 1, 2, 3] } else { [7, 5, 4, 2, 1] };
+        let field = Field { sizes, voxel_type: VoxelType::U16 };
+        let data = field.bytes(axes, false);
+        let kind = datatype(VoxelType::U16, false);
+        let (_folder, path) = temp_file("a.h5", &Builder::new().set("a", &kind, &shape, &data, Place::Piece).finish());
+        assert!(refusal(&path, &OpenOptions::default()).contains("`axes`"));
+        let told = OpenOptions { axes: Some(axes.parse().unwrap()), ..OpenOptions::default() };
+        assert_boxes(&*open(&path, &told).unwrap(), field);
+    }
+}
+
+#[test]
+fn elements_never_written_have_the_fill_value() {
+    let (_folder, path) = temp_file("a.h5", &small(Place::Blank).finish());
+    let source = open(&path, &OpenOptions::default()).unwrap();
+    let mut out = [9; 24];
+    source.read_box(0, 0, source.info().extent.full_box(), &mut out).unwrap();
+    assert_eq!(out, [0; 24]);
+    assert_eq!(source.access(), Access::Planes);
+}
+
+#[test]
+fn one_dataset_of_several_is_named() {
+    let kind = datatype(VoxelType::U8, false);
+    let file = Builder::new()
+        .set("first", &kind, &[2, 3, 4], &[1; 24], Place::Piece)
+        .set("second", &kind, &[2, 2, 2], &[2; 8], Place::Piece)
+        .set("line", &kind, &[24], &[3; 24], Place::Piece)
+        .finish();
+    let (_folder, path) = temp_file("a.h5", &file);
+    let message = refusal(&path, &OpenOptions::default());
+    assert!(
+        message.contains("holds 2 datasets; name one with `variable`") && message.contains("/first (2 x 3 x 4, u8)")
+    );
+    assert!(!message.contains("/line"), "{message}");
+    for name in ["second", "/second"] {
+        let told = OpenOptions { variable: Some(name.into()), ..OpenOptions::default() };
+        assert_eq!(open(&path, &told).unwrap().info().extent.x, 2);
+        let inside = format!("{}::{name}", path.display()).into();
+        assert_eq!(open_any(&[inside], &OpenOptions::default()).unwrap().info().extent.x, 2);
+    }
+    let told = |name: &str| OpenOptions { variable: Some(name.into()), ..OpenOptions::default() };
+    assert!(refusal(&path, &told("secondly")).contains("of like names are /second"));
+    assert!(refusal(&path, &told("line")).contains("of 1 axes (2 to 5 are read)"));
+    let (_other, npy) = temp_file("a.npy", b"\x93NUMPY");
+    assert!(refusal(&npy, &told("x")).contains("`variable` is for HDF5"));
+}
+
+#[test]
+fn packed_numbers_become_values() {
+    let data: Vec<u8> = (0..24).collect();
+    let file = Builder::new()
+        .with(number_attribute("scale_factor", &[0.5]))
+        .with(number_attribute("add_offset", &[100.0]))
+        .with(number_attribute("_FillValue", &[3.0]))
+        .with(text_attribute("units", "K"))
+        .with(number_attribute("element_size_um", &[3.0, 2.0, 1.0]))
+        .set("a", &datatype(VoxelType::U8, false), &[2, 3, 4], &data, Place::Piece)
+        .finish();
+    let (_folder, path) = temp_file("a.h5", &file);
+    let source = open(&path, &OpenOptions::default()).unwrap();
+    let info = source.info();
+    assert_eq!((info.voxel_type, info.nodata, info.calibrated), (VoxelType::F32, Some(101.5), true));
+    assert_eq!(
+        (info.geometry.spacing, info.geometry.unit.as_deref()),
+        (glam::DVec3::new(1.0, 2.0, 3.0), Some("micrometer"))
+    );
+    assert!(said(&info.notes).contains("Values are in K"));
+    let mut out = [0; 96];
+    source.read_box(0, 0, info.extent.full_box(), &mut out).unwrap();
+    assert_eq!(VoxelType::F32.read(&out, 23), 111.5);
+    let plain = OpenOptions { nodata: NoData::None, ..OpenOptions::default() };
+    assert_eq!(open_any(&[path], &plain).unwrap().info().nodata, None);
+}
+
+#[test]
+fn cut_and_unsupported_files_are_refused_by_name() {
+    let whole = small(Place::Chunks([2, 3, 4])).finish();
+    let none = OpenOptions::default();
+    for length in [8, 47, 48, 100, whole.len() - 1] {
+        let (_folder, path) = temp_file("a.h5", &whole[..length]);
+        let message = refusal(&path, &none);
+        assert!(message.contains("cut short") || message.contains("damaged"), "{length}: {message}");
+    }
+    let (_folder, path) = temp_file("a.h5", b"nothing of HDF5");
+    assert!(refusal(&path, &none).contains("damaged"));
+    for (kind, what) in [
+        (vec![0x13, 0, 0, 0, 1, 0, 0, 0], "a string type"),
+        (vec![0x14, 0, 0, 0, 1, 0, 0, 0, 0, 0, 8, 0], "a bitfield type"),
+        (vec![0x10, 0, 0, 0, 1, 0, 0, 0, 0, 0, 7, 0], "7 bits in 1 bytes"),
+    ] {
+        let file = Builder::new().set("a", &kind, &[2, 3, 4], &[0; 24], Place::Piece).finish();
+        let (_folder, path) = temp_file("a.h5", &file);
+        assert!(refusal(&path, &none).contains(what), "{what}");
+        let told = OpenOptions { variable: Some("a".into()), ..none.clone() };
+        let message = refusal(&path, &told);
+        assert!(message.contains(what) && message.contains("is not supported"), "{message}");
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 300, failure_persistence: None, ..ProptestConfig::default() })]
+
+    /// Damage leads to an error or wrong voxels, never to a panic. Checksums are made good, so that the damage is read.
+    #[test]
+    fn damaged_files_do_not_panic(
+        damage in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..6),
+        is_chunked in any::<bool>(),
+    ) {
+        let place = if is_chunked { Place::Chunks([1, 2, 3]) } else { Place::Piece };
+        let mut bytes = small(place).with(number_attribute("element_size_um", &[1.0, 2.0, 3.0])).finish();
+        for (place, value) in damage {
+            let place = place.index(bytes.len());
+            bytes[place] = value;
+        }
+        let starts: Vec<usize> = (0..bytes.len() - 10).filter(|at| bytes[*at..].starts_with(b"OHDR\x02\x02")).collect();
+        for start in starts {
+            let length = u32::from_le_bytes(bytes[start + 6..start + 10].try_into().unwrap()) as usize;
+            let end = (start + 10).saturating_add(length);
+            if end + 4 <= bytes.len() {
+                let sum = jenkins_lookup3(&bytes[start..end]);
+                bytes[end..end + 4].copy_from_slice(&sum.to_le_bytes());
+            }
+        }
+        let sum = jenkins_lookup3(&bytes[..44]);
+        bytes[44..48].copy_from_slice(&sum.to_le_bytes());
+        let (_folder, path) = temp_file("a.h5", &bytes);
+        if let Ok(source) = open(&path, &OpenOptions { allow_lossy: true, ..OpenOptions::default() }) {
+            let full = source.info().extent.full_box();
+            if full.extent().volume() < 1 << 20 {
+                let mut out = vec![0; full.extent().volume() as usize * source.info().voxel_type.bytes()];
+                let _ = source.read_box(0, 0, full, &mut out);
+            }
+        }
+    }
+}

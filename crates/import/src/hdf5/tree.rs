@@ -1,0 +1,307 @@
+//! Groups and datasets of a file, walked once, without following links to other files. Costs some kilobytes per dataset.
+
+use super::attributes::{number, text, texts};
+use super::file::File;
+use super::types::Stored;
+use crate::error::{ImportError, Result};
+use brickyard_volume::counted;
+use hdf5_reader::group::Group;
+use hdf5_reader::{Attribute, Dataset};
+use std::collections::HashSet;
+
+/// Most datasets and groups walked, and most levels.
+const MOST_OBJECTS: usize = 20_000;
+const MOST_LEVELS: usize = 64;
+
+/// Most datasets listed in a message.
+const MOST_SHOWN: usize = 30;
+
+/// A dataset of the file.
+pub(super) struct Entry {
+    /// Path from the root, `/entry/data`.
+    pub(super) path: String,
+    pub(super) set: Dataset,
+    pub(super) attributes: Vec<Attribute>,
+    /// The type of its elements, or the unsupported one.
+    pub(super) stored: Result<Stored, String>,
+}
+
+pub(super) struct GroupEntry {
+    pub(super) path: String,
+    pub(super) attributes: Vec<Attribute>,
+}
+
+/// Everything in the file.
+pub(super) struct Tree {
+    pub(super) groups: Vec<GroupEntry>,
+    pub(super) sets: Vec<Entry>,
+    /// Paths of what cannot be read, and why.
+    unread: Vec<(String, ImportError)>,
+    /// Whether there is more.
+    is_cut: bool,
+}
+
+/// A path's last part.
+pub(super) fn last_of(path: &str) -> &str {
+    path.rsplit('/').next().unwrap_or(path)
+}
+
+/// The path of the group around an object.
+pub(super) fn parent_of(path: &str) -> &str {
+    match path.rsplit_once('/') {
+        None | Some(("", _)) => "/",
+        Some((parent, _)) => parent,
+    }
+}
+
+pub(super) fn join(group: &str, name: &str) -> String {
+    format!("{}/{name}", group.trim_end_matches('/'))
+}
+
+impl Entry {
+    /// Whether it can be a volume by itself: numbers along 2 to 5 axes, at least two of them longer than 1.
+    fn is_volume(&self) -> bool {
+        let shape = self.set.shape();
+        (2..=5).contains(&shape.len())
+            && !shape.contains(&0)
+            && shape.iter().filter(|size| **size > 1).count() >= 2
+            && self.stored.is_ok()
+            && !self.is_scale()
+    }
+
+    pub(super) fn is_scale(&self) -> bool {
+        text(&self.attributes, "CLASS").is_some_and(|class| class == "DIMENSION_SCALE")
+    }
+
+    fn describe(&self) -> String {
+        let sizes: Vec<String> = self.set.shape().iter().map(u64::to_string).collect();
+        let name = self.stored.as_ref().map_or_else(Clone::clone, Stored::name);
+        let axes = if sizes.is_empty() { "one element".into() } else { sizes.join(" x ") };
+        format!("{} ({axes}, {name})", self.path)
+    }
+}
+
+impl Tree {
+    pub(super) fn of(file: &File) -> Result<Self> {
+        let root = file.hdf.root_group().map_err(|error| file.refusal("the root group", &error))?;
+        let mut tree = Self { groups: Vec::new(), sets: Vec::new(), unread: Vec::new(), is_cut: false };
+        let mut seen = HashSet::from([root.address()]);
+        tree.walk(file, &root, "/", 0, &mut seen);
+        Ok(tree)
+    }
+
+    fn walk(&mut self, file: &File, group: &Group, path: &str, level: usize, seen: &mut HashSet<u64>) {
+        let attributes = group.attributes().unwrap_or_default();
+        self.groups.push(GroupEntry { path: path.into(), attributes });
+        let (groups, sets) = match group.member_names() {
+            Ok(names) => names,
+            Err(error) => {
+                // An object that cannot be read hides its whole group from the parser.
+                self.unread.push((path.into(), file.refusal(&format!("the group {path}"), &error)));
+                return;
+            }
+        };
+        for name in sets {
+            let path = join(path, &name);
+            if self.is_full() {
+                return;
+            }
+            match group.dataset(&name) {
+                Ok(set) if !seen.insert(set.address()) => {}
+                Ok(set) => {
+                    let (attributes, stored) = (set.attributes(), Stored::of(&set));
+                    self.sets.push(Entry { path, set, attributes, stored });
+                }
+                Err(error) => self.unread.push((path.clone(), file.refusal(&path, &error))),
+            }
+        }
+        for name in groups {
+            if self.is_full() || level == MOST_LEVELS {
+                self.is_cut = true;
+                return;
+            }
+            let path = join(path, &name);
+            match group.group(&name) {
+                Ok(group) if seen.insert(group.address()) => self.walk(file, &group, &path, level + 1, seen),
+                Ok(_) => {}
+                Err(error) => self.unread.push((path.clone(), file.refusal(&path, &error))),
+            }
+        }
+    }
+
+    fn is_full(&mut self) -> bool {
+        self.is_cut |= self.sets.len() + self.groups.len() + self.unread.len() >= MOST_OBJECTS;
+        self.is_cut
+    }
+
+    pub(super) fn set(&self, path: &str) -> Option<&Entry> {
+        self.sets.iter().find(|entry| entry.path == path)
+    }
+
+    pub(super) fn group(&self, path: &str) -> Option<&GroupEntry> {
+        self.groups.iter().find(|entry| entry.path == path)
+    }
+
+    /// Adds a dataset of this path, which the parser may find by its name in a group that it cannot list.
+    pub(super) fn adopt(&mut self, file: &File, name: &str) {
+        let path = join("", name.trim_matches('/'));
+        if let Ok(set) = file.hdf.dataset(&path)
+            && self.sets.iter().all(|entry| entry.set.address() != set.address())
+        {
+            let (attributes, stored) = (set.attributes(), Stored::of(&set));
+            self.sets.push(Entry { path, set, attributes, stored });
+        }
+    }
+
+    /// The dataset named by the user, by its path or by a name borne by no other.
+    pub(super) fn named(&self, file: &File, name: &str) -> Result<&Entry> {
+        let path = join("", name.trim_matches('/'));
+        if let Some(entry) = self.set(&path) {
+            return Ok(entry);
+        }
+        // A second link to a dataset.
+        if let Ok(set) = file.hdf.dataset(&path)
+            && let Some(entry) = self.sets.iter().find(|entry| entry.set.address() == set.address())
+        {
+            return Ok(entry);
+        }
+        // An object that cannot be read hides its siblings.
+        let hides = |unread: &str| unread == path || unread == "/" || path.starts_with(&join(unread, ""));
+        if let Some(place) = self.unread.iter().position(|(unread, _)| hides(unread)) {
+            return Err(self.problem_of(place));
+        }
+        if self.group(&path).is_some() {
+            if let Some(entry) = self.signal_of(&path) {
+                return Ok(entry);
+            }
+            let inside: Vec<&Entry> =
+                self.sets.iter().filter(|entry| entry.path.starts_with(&join(&path, ""))).collect();
+            let problem = format!("`variable` {path}: is a group; name a dataset in it: {}", listed(&inside));
+            return Err(ImportError::options(&file.path, problem));
+        }
+        let alike: Vec<&Entry> = self.sets.iter().filter(|entry| last_of(&entry.path) == last_of(&path)).collect();
+        if let ([entry], false) = (&alike[..], name.contains('/')) {
+            return Ok(entry);
+        }
+        let wanted = last_of(&path).to_lowercase();
+        let is_near = |entry: &&Entry| {
+            let found = last_of(&entry.path).to_lowercase();
+            found.contains(&wanted) || wanted.contains(&found)
+        };
+        let near: Vec<&Entry> = self.sets.iter().filter(is_near).collect();
+        let (which, near) =
+            if near.is_empty() { ("are", self.sets.iter().collect()) } else { ("of like names are", near) };
+        let problem = format!("`variable` {name}: no such dataset; datasets {which} {}{}", listed(&near), self.rest());
+        Err(ImportError::options(&file.path, problem))
+    }
+
+    /// The dataset that the file means, or its only volume; `true` for the latter.
+    pub(super) fn chosen(&self, file: &File) -> Result<(&Entry, bool)> {
+        if let Some(entry) = self.default_signal() {
+            return Ok((entry, false));
+        }
+        let helpers = self.helpers();
+        let volumes: Vec<&Entry> =
+            self.sets.iter().filter(|entry| entry.is_volume() && !helpers.contains(&entry.path)).collect();
+        match &volumes[..] {
+            [entry] if !self.is_cut && self.unread.is_empty() => Ok((entry, true)),
+            [] if !self.unread.is_empty() => Err(self.problem_of(0)),
+            [] => {
+                let all: Vec<&Entry> = self.sets.iter().collect();
+                let problem = format!(
+                    "holds no dataset of numbers along 2 to 5 axes; there are: {}{}",
+                    listed(&all),
+                    self.rest()
+                );
+                Err(ImportError::invalid(&file.path, problem))
+            }
+            _ => {
+                let problem = format!(
+                    "holds {}; name one with `variable`, or in the path as {}::{}: {}{}",
+                    counted(volumes.len() as u64, "dataset"),
+                    crate::files::name_of(&file.path),
+                    volumes[0].path,
+                    listed(&volumes),
+                    self.rest()
+                );
+                Err(ImportError::options(&file.path, problem))
+            }
+        }
+    }
+
+    /// Datasets that others name as their bounds, coordinates and the like (NetCDF's CF conventions).
+    fn helpers(&self) -> HashSet<String> {
+        let of = |entry: &Entry| {
+            let names = ["bounds", "climatology", "coordinates", "ancillary_variables", "grid_mapping"];
+            let said: Vec<String> = names.iter().filter_map(|name| text(&entry.attributes, name)).collect();
+            let group = parent_of(&entry.path).to_owned();
+            said.join(" ").split_whitespace().map(|name| join(&group, name)).collect::<Vec<_>>()
+        };
+        self.sets.iter().flat_map(of).collect()
+    }
+
+    /// The plot that a NeXus file opens with: from `default` to `default`, or its only one.
+    fn default_signal(&self) -> Option<&Entry> {
+        let mut path = "/".to_string();
+        for _ in 0..8 {
+            if let Some(entry) = self.signal_of(&path) {
+                return Some(entry);
+            }
+            let Some(next) = self.group(&path).and_then(|group| text(&group.attributes, "default")) else { break };
+            path = join(&path, next.trim_matches('/'));
+        }
+        let is_data = |group: &&GroupEntry| text(&group.attributes, "NX_class").is_some_and(|class| class == "NXdata");
+        let mut plots = self.groups.iter().filter(is_data).filter_map(|group| self.signal_of(&group.path));
+        plots.next().filter(|_| plots.next().is_none())
+    }
+
+    /// The dataset that a group's `signal` names, or that says so itself, as old files have it.
+    fn signal_of(&self, group: &str) -> Option<&Entry> {
+        let signal = text(&self.group(group)?.attributes, "signal");
+        let found = match signal {
+            Some(name) => self.set(&join(group, &name)),
+            None => self.sets.iter().find(|entry| {
+                let says = number(&entry.attributes, "signal") == Some(1.0)
+                    || texts(&entry.attributes, "signal").first().is_some_and(|text| text == "1");
+                parent_of(&entry.path) == group && says
+            }),
+        };
+        found.filter(|entry| entry.is_volume())
+    }
+
+    fn problem_of(&self, place: usize) -> ImportError {
+        // Errors are not cloned: their parts are.
+        match &self.unread[place].1 {
+            ImportError::Unsupported { path, feature, advice } => {
+                ImportError::Unsupported { path: path.clone(), feature: feature.clone(), advice: advice.clone() }
+            }
+            ImportError::Invalid { path, problem } => {
+                ImportError::Invalid { path: path.clone(), problem: problem.clone() }
+            }
+            other => ImportError::invalid(std::path::Path::new(&self.unread[place].0), other.to_string()),
+        }
+    }
+
+    /// The end of a list: what is not in it.
+    fn rest(&self) -> String {
+        let mut rest = String::new();
+        if let Some((path, _)) = self.unread.first() {
+            rest += &format!("; {} cannot be read", if path == "/" { "some of the root group" } else { path });
+        }
+        if self.is_cut {
+            rest += "; and more, not looked at";
+        }
+        rest
+    }
+}
+
+/// Paths, shapes and types of datasets.
+fn listed(entries: &[&Entry]) -> String {
+    let shown: Vec<String> = entries.iter().take(MOST_SHOWN).map(|entry| entry.describe()).collect();
+    let more = entries.len().saturating_sub(MOST_SHOWN);
+    match (shown.len(), more) {
+        (0, _) => "none".into(),
+        (_, 0) => shown.join(", "),
+        _ => format!("{}, and {more} more", shown.join(", ")),
+    }
+}
