@@ -7,11 +7,25 @@
 //! volume.
 
 #![cfg_attr(
-    not(all(feature = "dicom", feature = "hdf5", feature = "npz", feature = "pictures", feature = "tiff", feature = "vtk")),
+    not(all(
+        feature = "dicom",
+        feature = "hdf5",
+        feature = "npz",
+        feature = "pictures",
+        feature = "tiff",
+        feature = "vtk"
+    )),
     allow(dead_code, reason = "some of what readers share is shared by these")
 )]
 
-#[cfg(not(all(feature = "dicom", feature = "hdf5", feature = "npz", feature = "pictures", feature = "tiff", feature = "vtk")))]
+#[cfg(not(all(
+    feature = "dicom",
+    feature = "hdf5",
+    feature = "npz",
+    feature = "pictures",
+    feature = "tiff",
+    feature = "vtk"
+)))]
 mod absent;
 mod axes;
 mod body;

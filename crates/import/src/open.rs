@@ -17,9 +17,7 @@ use crate::series::{Series, StepFile};
 use crate::source::{Source, SourceInfo};
 use crate::time::override_time;
 use crate::variable::split_variable;
-use crate::{
-    bov, dicom, envi, foreign, hdf5, meta_image, mrc, nifti, npy, npz, nrrd, pictures, tiff_stack, vtk,
-};
+use crate::{bov, dicom, envi, foreign, hdf5, meta_image, mrc, nifti, npy, npz, nrrd, pictures, tiff_stack, vtk};
 use std::path::{Path, PathBuf};
 
 /// Readable formats and their names, for the message about an unknown one.

@@ -171,7 +171,7 @@ fn seconds(text: &str) -> Option<f64> {
     if !(0..=9999).contains(&year) || !(1..=12).contains(&month) || !(1..=31).contains(&day) {
         return None;
     }
-    // Days of the civil calendar, from March on, so that a leap day is the year's last.
+    // Days of the civil calendar, from March on, so that the 29th of February is the year's last.
     let (year, month) = if month > 2 { (year, month - 3) } else { (year - 1, month + 9) };
     let days =
         365 * year + year.div_euclid(4) - year.div_euclid(100) + year.div_euclid(400) + (153 * month + 2) / 5 + day;
@@ -183,7 +183,7 @@ mod tests {
     use super::seconds;
 
     #[test]
-    fn times_are_counted_over_months_and_leap_days() {
+    fn times_are_counted_over_months_and_the_29th_of_february() {
         let between = |a, b| seconds(b).unwrap() - seconds(a).unwrap();
         assert_eq!(between("2018-05-30 14:13:43.250", "2018-05-30 14:13:45.750"), 2.5);
         assert_eq!(between("2020-02-28 23:59:59.000", "2020-03-01 00:00:00.000"), 86401.0);

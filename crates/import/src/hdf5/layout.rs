@@ -142,8 +142,7 @@ fn leaves_edges(file: &File, set: &Dataset, chunk: &[u64]) -> bool {
     let length = storage.len().saturating_sub(set.address()).min(HEADER_BYTES as u64) as usize;
     let Ok(bytes) = storage.read_range(set.address(), length) else { return false };
     bytes.windows(5).enumerate().any(|(at, start)| {
-        let &[version @ (4 | 5), 2, flags, axes, width @ 1..=8] = start else { return false };
-        let _ = version;
+        let &[4 | 5, 2, flags, axes, width @ 1..=8] = start else { return false };
         let sizes = || {
             bytes.get(at + 5..)?.chunks_exact(width.into()).take(chunk.len()).map(little).collect::<Option<Vec<_>>>()
         };

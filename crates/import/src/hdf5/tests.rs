@@ -261,7 +261,7 @@ fn one_dataset_of_several_is_named() {
     assert!(refusal(&path, &told("secondly")).contains("of like names are /second"));
     assert!(refusal(&path, &told("line")).contains("of 1 axes (2 to 5 are read)"));
     let (_other, npy) = temp_file("a.npy", b"\x93NUMPY");
-    assert!(refusal(&npy, &told("x")).contains("`variable` is for HDF5"));
+    assert!(refusal(&npy, &told("x")).contains("`variable` is for files of several arrays"));
 }
 
 #[test]

@@ -91,8 +91,7 @@ impl Text<'_> {
     /// The next word; `None` at the end. The whitespace after it is left.
     fn word(&mut self) -> Result<Option<String>> {
         let mut word = Vec::new();
-        loop {
-            let Some(byte) = self.file.fill_buf().map_err(ImportError::io(self.path))?.first().copied() else { break };
+        while let Some(byte) = self.file.fill_buf().map_err(ImportError::io(self.path))?.first().copied() {
             if byte.is_ascii_whitespace() && !word.is_empty() {
                 break;
             }
