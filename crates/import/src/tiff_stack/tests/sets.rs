@@ -354,9 +354,7 @@ fn long_descriptions_are_read_as_a_stream() {
         std::fs::write(path, file(&text)).unwrap();
     });
     if let Some(path) = long {
-        let before = crate::testing::peak_bytes();
-        assert_boxes(&*opened(&path).unwrap(), WHOLE);
-        let taken = crate::testing::peak_bytes() - before;
+        let (taken, ()) = crate::testing::memory_taken(|| assert_boxes(&*opened(&path).unwrap(), WHOLE));
         assert!(taken < 8 << 20, "{taken} bytes for a description of 40 MiB");
     }
 }
