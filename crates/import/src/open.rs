@@ -218,60 +218,43 @@ fn format_of(path: &Path, options: &OpenOptions) -> Result<Format> {
     if start.is_empty() {
         return Err(ImportError::invalid(path, "the file is empty: fetch it again"));
     }
-    // Narrow MRC files start like DICOM ones without a preamble.
-    if mrc::has_magic(path)? {
-        return Ok(Format::Mrc);
-    }
-    if is_dicom(&start) {
-        return Ok(Format::Dicom);
-    }
-    if start.starts_with(nrrd::MAGIC) {
-        return Ok(Format::Nrrd);
-    }
-    if meta_image::is_header(&start) {
-        return Ok(Format::MetaImage);
-    }
-    // ENVI headers share their file name with NIfTI's.
-    if envi::is_envi(&start) {
-        return Ok(Format::Envi);
-    }
-    let by_name = Format::of_name(path);
-    if by_name == Some(Format::Mrc) || mrc::is_named(path, &name)? {
-        return Ok(Format::Mrc);
-    }
-    if by_name == Some(Format::Bov) || bov::is_bov(path)? {
-        return Ok(Format::Bov);
-    }
-    if npz::is_npz(path, &name, &start)? {
-        return Ok(Format::Npz);
-    }
-    if by_name == Some(Format::Nifti) || [".img", ".img.gz"].iter().any(|end| name.ends_with(end)) {
-        return Ok(Format::Nifti);
-    }
-    if start.starts_with(npy::MAGIC) || by_name == Some(Format::Npy) {
-        return Ok(Format::Npy);
-    }
-    let tiff_magics: [&[u8]; 4] = [b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"];
-    if tiff_magics.iter().any(|magic| start.starts_with(magic)) || by_name == Some(Format::Tiff) {
-        return Ok(Format::Tiff);
-    }
-    if hdf5::is_hdf5(path)? || by_name == Some(Format::Hdf5) {
-        return Ok(Format::Hdf5);
-    }
-    if tiff_stack::is_companion(path)? {
-        return Ok(Format::Tiff);
-    }
-    if let Some(kind) = PictureKind::of_start(&start) {
-        return Ok(Format::Picture(kind));
-    }
-    if let Some(format) = vtk::format_of(path)?.or(by_name.filter(|by| matches!(by, Format::Vtk | Format::Pvd))) {
+    if let Some(format) = format_of_contents(path, &name, &start)? {
         return Ok(format);
     }
-    foreign::refuse(path, &name)?;
-    if let Some(named @ (Format::Raw | Format::Nrrd | Format::MetaImage | Format::Picture(_))) = by_name {
-        return Ok(named);
+    let by_name = Format::of_name(path);
+    match by_name {
+        _ if mrc::is_named(path, &name)? => return Ok(Format::Mrc),
+        _ if [".img", ".img.gz"].iter().any(|end| name.ends_with(end)) => return Ok(Format::Nifti),
+        // Names of any contents, or of formats with a magic: others are told apart first.
+        None | Some(Format::Raw | Format::Npz | Format::Nrrd | Format::MetaImage | Format::Picture(_)) => {}
+        Some(format) => return Ok(format),
     }
-    Err(ImportError::invalid(path, format!("not a supported format; supported are: {READ}")))
+    foreign::refuse(path, &name)?;
+    by_name.ok_or_else(|| ImportError::invalid(path, format!("not a supported format; supported are: {READ}")))
+}
+
+/// The format of a file's contents; `None` of those known by their names alone. `name` is in lower case.
+fn format_of_contents(path: &Path, name: &str, start: &[u8]) -> Result<Option<Format>> {
+    let starts = |magics: &[&[u8]]| magics.iter().any(|magic| start.starts_with(magic));
+    Ok(Some(match () {
+        // Narrow MRC files start like DICOM ones without a preamble.
+        () if mrc::has_magic(path)? => Format::Mrc,
+        () if is_dicom(start) => Format::Dicom,
+        () if starts(&[nrrd::MAGIC]) => Format::Nrrd,
+        () if meta_image::is_header(start) => Format::MetaImage,
+        // ENVI headers share their file name with NIfTI's.
+        () if envi::is_envi(start) => Format::Envi,
+        () if starts(&[npy::MAGIC]) => Format::Npy,
+        () if starts(&[b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"]) => Format::Tiff,
+        () if npz::is_npz(path, name, start)? => Format::Npz,
+        () if hdf5::is_hdf5(path)? => Format::Hdf5,
+        () if tiff_stack::is_companion(path)? => Format::Tiff,
+        () if bov::is_bov(path)? => Format::Bov,
+        () => {
+            return PictureKind::of_start(start)
+                .map_or_else(|| vtk::format_of(path), |kind| Ok(Some(Format::Picture(kind))));
+        }
+    }))
 }
 
 /// Refuses folders within a list, and files without random access.
@@ -429,6 +412,32 @@ mod tests {
         let least = OpenOptions { nodata: NoData::Value(-3.40282347e38), ..plain.clone() };
         assert_eq!(open(std::slice::from_ref(&path), &least).unwrap().info().nodata, Some(f64::from(f32::MIN)));
         assert!(refusal(&path, &OpenOptions { nodata: NoData::Value(-3.5e38), ..plain }).contains("expected one"));
+    }
+
+    /// A file's magic tells its format, whatever its name.
+    #[test]
+    fn contents_count_before_names() {
+        let starts: [(&[u8], Format); 9] = [
+            (b"\x93NUMPY\x01\0", Format::Npy),
+            (b"NRRD0004\n", Format::Nrrd),
+            (b"NDims = 3\n", Format::MetaImage),
+            (b"II*\0", Format::Tiff),
+            (b"\x89HDF\r\n\x1a\n", Format::Hdf5),
+            (b"\x89PNG\r\n\x1a\n", Format::Picture(PictureKind::Png)),
+            (b"# vtk DataFile Version 3.0\n", Format::Vtk),
+            (b"ENVI\n", Format::Envi),
+            (b"DATA_FILE: a.raw\n", Format::Bov),
+        ];
+        let ends = [
+            "mrc", "map", "bov", "nii", "img", "npy", "npz", "tif", "h5", "vti", "pvd", "nrrd", "mha", "jpg", "raw",
+            "x",
+        ];
+        for (start, format) in starts {
+            for end in ends {
+                let (_folder, path) = temp_file(&format!("a.{end}"), &[start, &[0; 2000]].concat());
+                assert_eq!(format_of(&path, &OpenOptions::default()).unwrap(), format, "{end}");
+            }
+        }
     }
 
     #[test]
