@@ -47,6 +47,18 @@ impl PictureKind {
     }
 }
 
+/// Whether a file has the name of a readable kind: also of the second of a pair, or of a name which only the contents
+/// confirm. DICOM slices may have no extension, or a number.
+pub fn has_known_name(path: &Path) -> bool {
+    const MORE: [&str; 12] = ["img", "map", "rec", "st", "ali", "nc", "ome", "stk", "lsm", "dcm", "dicom", "ima"];
+    let extension = path.extension().map(|extension| extension.to_string_lossy().to_ascii_lowercase());
+    let is_known = |extension: &str| MORE.contains(&extension) || extension.bytes().all(|byte| byte.is_ascii_digit());
+    let name = path.file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
+    Format::of_name(path).is_some()
+        || name.ends_with(".img.gz")
+        || extension.is_none_or(|extension| is_known(&extension))
+}
+
 impl Format {
     /// The format of a file's name; `None` if unknown, or if the file is the second of a pair.
     pub(crate) fn of_name(path: &Path) -> Option<Self> {

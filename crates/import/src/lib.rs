@@ -109,6 +109,7 @@ pub use axes::AxisOrder;
 pub use described::Described;
 pub use element::Endian;
 pub use error::{ImportError, is_of_process, limit_behind};
+pub use format::has_known_name;
 #[cfg(feature = "mesh")]
 pub use mesh::read_mesh;
 pub use note::Note;

@@ -39,19 +39,10 @@ pub fn is_mesh(path: &Path) -> bool {
     ["stl", "ply", "obj", "gltf", "glb"].contains(&extension.as_str())
 }
 
-/// Whether a file has the name of a supported kind: a volume, a mesh or a scene. DICOM slices may have no extension, or
-/// a number.
+/// Whether a file has the name of a supported kind: a volume, a mesh or a scene.
 pub fn has_known_name(path: &Path) -> bool {
-    const KNOWN: [&str; 30] = [
-        "raw", "bin", "dat", "npy", "nii", "hdr", "img", "nrrd", "nhdr", "mha", "mhd", "tif", "tiff", "btf", "tf8",
-        "vti", "vtk", "pvd", "ome", "stk", "lsm", "dcm", "dicom", "ima", "json", "png", "jpg", "jpeg", "bmp", "dib",
-    ];
-    let name = path.file_name().unwrap_or_default().to_string_lossy().to_lowercase();
-    let plain = [".nii.gz", ".hdr.gz", ".img.gz"].iter().any(|end| name.ends_with(end));
-    let extension = path.extension().map(|extension| extension.to_string_lossy().to_lowercase());
-    let is_known =
-        |extension: &String| KNOWN.contains(&extension.as_str()) || extension.bytes().all(|byte| byte.is_ascii_digit());
-    plain || is_mesh(path) || extension.is_none_or(|extension| is_known(&extension))
+    let is_scene = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("json"));
+    import::has_known_name(path) || is_mesh(path) || is_scene
 }
 
 /// Opens a store, or else files: one, a folder of planes or slices, or several time steps or planes. `options` apply to
@@ -94,8 +85,26 @@ mod tests {
 
     #[test]
     fn names_tell_what_may_be_opened() {
-        for name in ["a.nii.gz", "A.TIF", "set.companion.ome", "IM0001", "slice.12", "bone.stl", "look.json", "a.b.raw"]
-        {
+        let known = [
+            "a.nii.gz",
+            "A.TIF",
+            "set.companion.ome",
+            "IM0001",
+            "slice.12",
+            "bone.stl",
+            "look.json",
+            "a.b.raw",
+            "a.npz",
+            "emd.map",
+            "emd.mrc.gz",
+            "scan.H5",
+            "model.nc",
+            "cell.ims",
+            "a.img.gz",
+            "run.pvd",
+            "a.bov",
+        ];
+        for name in known {
             assert!(has_known_name(Path::new(name)), "{name}");
         }
         for name in ["notes.txt", "a.tar.gz", "report.pdf", "a.zarr.packing"] {
