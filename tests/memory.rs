@@ -3,7 +3,8 @@
 
 use brickyard::store::Store;
 use brickyard::volume::Level;
-use brickyard_tests::{Random, Sandbox, leave_out};
+use brickyard_tests::sample::takes_all;
+use brickyard_tests::{Random, Sandbox, leave_out, python};
 use std::io::Read;
 use std::process::{Command, Stdio};
 use std::time::Duration;
@@ -111,6 +112,19 @@ fn appending_stays_within_its_memory() {
     for (store, files) in [("new.zarr", "s0.raw s1.raw s2.raw"), ("packed.zarr", "s1.raw s2.raw")] {
         check(&sandbox, &format!("append {store} {files} {flags} --memory 64MiB"), 64 * MIB);
     }
+}
+
+/// Every reader on 4 GiB, written by other programs; with every case of the lists alone, for it takes half an hour.
+#[test]
+fn reading_large_files_stays_within_its_memory() {
+    let Some(python) = python().filter(|_| takes_all()) else { return };
+    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/../tools/large_inputs.py");
+    // On the disk: mapped files in memory count as shared memory.
+    let sandbox = Sandbox::within(env!("CARGO_TARGET_TMPDIR"));
+    let mut command = Command::new(python);
+    command.arg(script).arg("--brickyard").arg(sandbox.command().get_program());
+    let done = command.arg("--out").arg(sandbox.path("large")).status().expect("Python starts");
+    assert!(done.success(), "see the table above");
 }
 
 /// Environment variable that makes [`a_reader_follows`] the measured process.

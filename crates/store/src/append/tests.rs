@@ -684,7 +684,7 @@ fn what_a_source_says_is_told_by_its_weight() {
     for told in said(3) {
         let [note, warning] = &told[..] else { panic!("{told:?}") };
         assert!(
-            note.starts_with("note: The file is compressed") && warning.starts_with("warning: 3 bytes"),
+            note.starts_with("note: The voxels are compressed") && warning.starts_with("warning: 3 bytes"),
             "{told:?}"
         );
     }
