@@ -37,6 +37,7 @@ pylibjpeg-openjpeg==2.6.0
 pylibjpeg-rle==2.2.0
 pynrrd==1.1.3
 pypng==0.20220715.0
+scipy==1.17.1
 simpleitk==2.5.7
 tifffile==2026.3.3
 vtk==9.7.2
