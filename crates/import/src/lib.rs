@@ -3,7 +3,8 @@
 //! [`open`] picks a reader by name, first bytes and flags. Uncompressed arrays (raw, `.npy`, NIfTI, MRC, ImageJ's large
 //! stacks) are read by [`RawSource`], which maps the file; compressed arrays are decoded once into scratch space;
 //! TIFF, pictures and DICOM decode requested planes. [`SynthSource`] generates volumes. [`Strided`] is every n-th voxel of
-//! another source, [`Described`] a source under another description. `read_mesh` reads triangle meshes shown with a
+//! another source, [`Described`] a source under another description; `cropped`, `picked`, `mirrored` and `converted` make the
+//! part, order and type of [`OpenOptions`]. `read_mesh` reads triangle meshes shown with a
 //! volume.
 
 #![cfg_attr(
@@ -27,9 +28,15 @@
     feature = "vtk"
 )))]
 mod absent;
+#[cfg(test)]
+mod adapter_tests;
 mod axes;
 mod body;
 mod bov;
+mod choice;
+mod conversion;
+mod converted;
+mod cropped;
 mod data_files;
 mod described;
 #[cfg(feature = "dicom")]
@@ -56,6 +63,7 @@ mod mapped;
 #[cfg(feature = "mesh")]
 mod mesh;
 mod meta_image;
+mod mirrored;
 mod mrc;
 mod nifti;
 mod note;
@@ -67,7 +75,9 @@ mod numbering;
 mod open;
 mod options;
 mod page_map;
+mod part;
 mod pattern;
+mod picked;
 #[cfg(feature = "pictures")]
 mod pictures;
 mod placement;
@@ -106,6 +116,7 @@ use absent::tiff_stack;
 #[cfg(not(feature = "vtk"))]
 use absent::vtk;
 pub use axes::AxisOrder;
+pub use choice::{ChannelChoice, StepChoice};
 pub use described::Described;
 pub use element::Endian;
 pub use error::{ImportError, is_of_process, limit_behind};

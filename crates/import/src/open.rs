@@ -1,5 +1,7 @@
 //! Entry point for inputs: picks the reader by flags, name and first bytes, joins files, and applies the user's overrides.
 
+use crate::converted::Converted;
+use crate::cropped::Cropped;
 use crate::described::Described;
 use crate::dicom_files::{MAGIC_BYTES, is_dicom};
 use crate::doubles::{check_folders, check_named_once, check_pairs, check_series};
@@ -9,9 +11,12 @@ use crate::file_order::{FileList, in_natural_order};
 use crate::files::{first_bytes, name_of};
 use crate::folder::files_of;
 use crate::format::{Format, PictureKind};
+use crate::mirrored::Mirrored;
 use crate::note::Note;
 use crate::options::{FileOrder, Gaps, NoData, OpenOptions};
+use crate::part::Part;
 use crate::pattern;
+use crate::picked::Picked;
 use crate::raw::{RawLayout, RawSource};
 use crate::series::{Series, StepFile};
 use crate::source::{Source, SourceInfo};
@@ -38,7 +43,13 @@ const AS_NAMED: &str = ", or pass `order` given to take the files as they are na
 /// # Errors
 /// If the input cannot be read. The message names the file, the reason and the helpful option of [`OpenOptions`], in backticks.
 pub fn open(inputs: &[PathBuf], options: &OpenOptions) -> Result<Box<dyn Source>, ImportError> {
-    let (inputs, options) = &split_variable(inputs, options)?;
+    let (inputs, mut options) = split_variable(inputs, options)?;
+    let held_as = options.held_as;
+    if options.to_voxel_type.is_some() {
+        // The steps before are held as converted.
+        options.held_as = None;
+    }
+    let (inputs, options) = (&inputs, &options);
     // `unordered`: nobody has put the files in order.
     let (paths, folder, unordered) = match &inputs[..] {
         [] => return Err(ImportError::options(Path::new("input"), "none given")),
@@ -103,7 +114,32 @@ pub fn open(inputs: &[PathBuf], options: &OpenOptions) -> Result<Box<dyn Source>
     options.override_geometry(&mut info, &paths[0])?;
     override_nodata(&mut info, &paths[0], options.nodata)?;
     override_time(&mut info, &paths[0], options)?;
-    Ok(Box::new(Described { info, source, first: 0 }))
+    let told = OpenOptions { held_as, ..options.clone() };
+    take(Box::new(Described { info, source, first: 0 }), &told, &paths[0])
+}
+
+/// Takes the part, order and type of voxels that the options name.
+pub(crate) fn take(mut source: Box<dyn Source>, options: &OpenOptions, path: &Path) -> Result<Box<dyn Source>> {
+    let OpenOptions { roi, flip, take_channel, take_time, to_voxel_type, .. } = options;
+    let part = Part::of(source.info(), options, path)?;
+    let region = part.region;
+    let refuse = |option: &str, problem: &dyn std::fmt::Display| {
+        ImportError::options(path, format!("`{option}`: cannot be used, {problem}"))
+    };
+    // Converted first: losses are told by their places in the input.
+    if let Some(to) = to_voxel_type.filter(|to| *to != source.info().voxel_type) {
+        source = Box::new(Converted::new(source, to, &part, options, path)?);
+    }
+    if !take_channel.is_empty() || take_time.is_some() {
+        source = Box::new(Picked::new(source, part).map_err(|error| refuse("take_time", &error))?);
+    }
+    if roi.is_some() {
+        source = Box::new(Cropped::new(source, region).map_err(|error| refuse("roi", &error))?);
+    }
+    if *flip != [false; 3] {
+        source = Box::new(Mirrored::new(source, *flip).map_err(|error| refuse("flip", &error))?);
+    }
+    Ok(source)
 }
 
 /// Checks that a folder can be opened: it holds files of one format. Costs a read of the first bytes of each file.
@@ -299,7 +335,8 @@ fn check_used(format: Format, path: &Path, options: &OpenOptions) -> Result<()> 
         Format::Dicom => "DICOM".into(),
         format => format!("a {} file", format.name()),
     };
-    let problem = format!("`{name}` is for {of}, not for {file}; leave it out");
+    let way_on = if name == "voxel_type" { "leave it out, or convert with `to_voxel_type`" } else { "leave it out" };
+    let problem = format!("`{name}` is for {of}, not for {file}; {way_on}");
     Err(ImportError::options(path, problem))
 }
 

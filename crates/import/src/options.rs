@@ -1,10 +1,11 @@
 //! The caller's settings for an input, where its file lacks them or is wrong.
 
 use crate::axes::AxisOrder;
+use crate::choice::{ChannelChoice, StepChoice};
 use crate::element::Endian;
 use crate::error::{ImportError, Result};
 use crate::source::SourceInfo;
-use brickyard_volume::{Extent, VoxelType};
+use brickyard_volume::{Extent, VoxelBox, VoxelType};
 use glam::DVec3;
 use std::path::{Path, PathBuf};
 
@@ -92,7 +93,19 @@ pub struct OpenOptions {
     pub time_stamps: Option<PathBuf>,
     /// Which voxels hold no data. The voxels' type must hold the value.
     pub nodata: NoData,
-    /// Whether values outside the voxel type may be rounded, clamped or become infinite: 64-bit numbers, and scaled numbers beyond f32.
+    /// Box to take, in voxels of the input; `None` takes all. It keeps its place in the world.
+    pub roi: Option<VoxelBox>,
+    /// Whether voxels are put in reverse order along x, y, z. A volume with an orientation keeps every voxel's place in the patient; others are
+    /// mirrored in their place.
+    pub flip: [bool; 3],
+    /// Channels to take, in this order; all if empty.
+    pub take_channel: Vec<ChannelChoice>,
+    /// Time steps to take, with their times; `None` takes all.
+    pub take_time: Option<StepChoice>,
+    /// Voxel type to convert to. Values stay the same numbers; others are lost only with `allow_lossy`.
+    pub to_voxel_type: Option<VoxelType>,
+    /// Whether values outside the voxel type may be rounded, clamped or become infinite: 64-bit numbers, scaled numbers beyond f32, and
+    /// those of a conversion.
     /// Otherwise, and always in labels, the first such value is an error.
     pub allow_lossy: bool,
     /// Whether the voxels are labels: a value outside the voxel type is then an error, as it would become another label.

@@ -4,7 +4,8 @@ use crate::axes::Sizes;
 use crate::error::ImportError;
 use crate::note::Note;
 use crate::step_time::StepTime;
-use brickyard_volume::{ChannelLook, Extent, Geometry, Orientation, TimeAxis, VoxelBox, VoxelType};
+use brickyard_volume::{ChannelLook, Extent, Geometry, Orientation, PlacementError, TimeAxis, VoxelBox, VoxelType};
+use glam::DVec3;
 
 /// Description of a source, available before any voxel is read.
 #[derive(Clone, Debug, PartialEq)]
@@ -59,6 +60,28 @@ impl SourceInfo {
             identity: String::new(),
             notes: Vec::new(),
         }
+    }
+
+    /// Moves the origin and the orientation to the voxel at `first`, from which each axis goes on as before, or backwards where `sign` is -1.
+    ///
+    /// # Errors
+    /// If the resulting orientation is not usable.
+    pub(crate) fn reorient(&mut self, sign: DVec3, first: DVec3) -> Result<(), PlacementError> {
+        let moved = self.geometry.origin + first * self.geometry.spacing;
+        let Some(old) = self.orientation else {
+            self.geometry.origin = moved;
+            return Ok(());
+        };
+        let new = old.strided(sign, first)?;
+        // Readers of upright volumes, and callers, give the first voxel's place in the patient; other origins are the volume's own.
+        let is_in_patient = new.is_upright() || self.geometry.origin == old.first_centre();
+        if is_in_patient {
+            self.geometry.origin = new.first_centre();
+        } else if sign == DVec3::ONE {
+            self.geometry.origin = moved;
+        }
+        self.orientation = Some(new);
+        Ok(())
     }
 
     /// A value as the voxels are, possibly narrowed.

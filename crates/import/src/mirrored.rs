@@ -1,0 +1,108 @@
+//! A source with its voxels in reverse order along some axes.
+//!
+//! A volume without an orientation is mirrored: spacing and origin stay, and the object turns into its mirror image in the same place.
+//! A volume with an orientation is only stored in another order: its matrix is changed with it, so that every voxel keeps its place in
+//! the patient, and left stays left. ITK's `FlipImageFilter` does the same. A box is read as in the other source, once, and turned in place.
+
+use crate::error::{ImportError, Result};
+use crate::source::{Access, Source, SourceInfo};
+use brickyard_volume::{PlacementError, VoxelBox};
+use glam::DVec3;
+
+/// A source of another one's voxels, in reverse order along some axes.
+pub(crate) struct Mirrored {
+    source: Box<dyn Source>,
+    info: SourceInfo,
+    /// Whether x, y, z are reversed.
+    flip: [bool; 3],
+}
+
+impl Mirrored {
+    /// Reverses these axes.
+    ///
+    /// # Errors
+    /// If the source's orientation cannot be used from its other end.
+    pub(crate) fn new(source: Box<dyn Source>, flip: [bool; 3]) -> Result<Self, PlacementError> {
+        let mut info = source.info().clone();
+        if info.orientation.is_some() {
+            let last = info.extent.to_array().map(|n| f64::from(n) - 1.0);
+            let sign = flip.map(|flip| if flip { -1.0 } else { 1.0 });
+            let first = std::array::from_fn(|axis| if flip[axis] { last[axis] } else { 0.0 });
+            info.reorient(DVec3::from_array(sign), DVec3::from_array(first))?;
+        }
+        info.identity = format!("{}, flip {flip:?}", info.identity);
+        Ok(Self { source, info, flip })
+    }
+
+    fn in_other(&self, region: VoxelBox) -> VoxelBox {
+        let (size, low, high) = (self.info.extent.to_array(), region.min.to_array(), region.max.to_array());
+        let ends = |axis: usize, end: u32, other: u32| if self.flip[axis] { size[axis] - other } else { end };
+        VoxelBox::new(
+            std::array::from_fn(|axis| ends(axis, low[axis], high[axis])),
+            std::array::from_fn(|axis| ends(axis, high[axis], low[axis])),
+        )
+    }
+}
+
+impl Source for Mirrored {
+    fn info(&self) -> &SourceInfo {
+        &self.info
+    }
+
+    fn access(&self) -> Access {
+        self.source.access()
+    }
+
+    fn reader_bytes(&self) -> u64 {
+        self.source.reader_bytes()
+    }
+
+    fn held_bytes(&self) -> u64 {
+        self.source.held_bytes()
+    }
+
+    fn scratch_bytes(&self) -> u64 {
+        self.source.scratch_bytes()
+    }
+
+    fn read_box(&self, time: u32, channel: u32, region: VoxelBox, out: &mut [u8]) -> Result<(), ImportError> {
+        self.info.check_box(time, channel, region, out);
+        self.source.read_box(time, channel, self.in_other(region), out)?;
+        let (extent, bytes) = (region.extent(), self.info.voxel_type.bytes());
+        let row_bytes = extent.x as usize * bytes;
+        let [x, y, z] = self.flip;
+        if x {
+            out.chunks_exact_mut(row_bytes).for_each(|row| match bytes {
+                1 => row.reverse(),
+                2 => row.as_chunks_mut::<2>().0.reverse(),
+                _ => row.as_chunks_mut::<4>().0.reverse(),
+            });
+        }
+        if y {
+            out.chunks_exact_mut(row_bytes * extent.y as usize).for_each(|slice| reverse(slice, row_bytes));
+        }
+        if z {
+            reverse(out, row_bytes * extent.y as usize);
+        }
+        Ok(())
+    }
+
+    fn announce(&self, time: u32, channel: u32, region: VoxelBox) {
+        self.source.announce(time, channel, self.in_other(region));
+    }
+
+    fn constant_in(&self, time: u32, channel: u32, region: VoxelBox) -> Option<f64> {
+        self.source.constant_in(time, channel, self.in_other(region))
+    }
+}
+
+/// Reverses the order of pieces of `piece_bytes` bytes.
+fn reverse(bytes: &mut [u8], piece_bytes: usize) {
+    let mut rest = bytes;
+    while rest.len() >= 2 * piece_bytes {
+        let (first, others) = rest.split_at_mut(piece_bytes);
+        let (between, last) = others.split_at_mut(others.len() - piece_bytes);
+        first.swap_with_slice(last);
+        rest = between;
+    }
+}
