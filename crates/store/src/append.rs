@@ -270,6 +270,7 @@ impl Appender {
             codec: info.codec,
             downsample: info.downsample,
             kind: info.kind,
+            name: info.name.clone(),
             aprons: info.aprons,
             memory_bytes: self.options.memory_bytes,
             threads: self.options.threads,

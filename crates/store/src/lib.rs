@@ -49,10 +49,11 @@ pub use layout::{Layout, ShardId};
 pub use level_bricks::LevelBricks;
 pub use metadata::{ChannelDisplay, ChannelStatistics, Histogram, Kind, Percentiles, StoreInfo};
 pub use pack::{
-    Exists, Holder, PackError, PackOptions, PackPlan, PackReport, Progress, pack, plan, settings_fingerprint,
+    Exists, Holder, PackError, PackOptions, PackPlan, PackReport, Progress, estimate, pack, plan, rehearse,
+    settings_fingerprint,
 };
 pub use scratch::Scratch;
 pub use shard::Fingerprint;
 pub use shard_file::IoMode;
 pub use store::Store;
-pub use verify::{MOST_PROBLEMS, VerifyError, VerifyProblem, VerifyReport, verify, verify_within};
+pub use verify::{MOST_PROBLEMS, VerifyError, VerifyProblem, VerifyReport, compare_within, verify, verify_within};

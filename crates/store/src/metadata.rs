@@ -185,6 +185,9 @@ impl ChannelDisplay {
 pub struct StoreInfo {
     /// Format version: [`FORMAT_VERSION`].
     pub version: u32,
+    /// The volume's name in `attributes.ome.multiscales`; `None` if it has none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub name: Option<String>,
     /// Voxels along the edge of a brick's core.
     pub edge: u32,
     /// Most voxels along a shard's edge.

@@ -21,6 +21,7 @@ pub(crate) mod aprons;
 pub(crate) mod brick;
 pub(crate) mod cascade;
 pub(crate) mod disk;
+mod estimate;
 pub(crate) mod journal;
 pub(crate) mod lock;
 pub(crate) mod ours;
@@ -35,6 +36,7 @@ mod side_pages;
 pub(crate) mod tests;
 mod window;
 
+pub use estimate::estimate;
 pub use lock::Holder;
 pub use plan::{PackPlan, plan};
 
@@ -57,6 +59,9 @@ use serde_json::{Value, json};
 use std::io::ErrorKind;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
+
+/// Longest name of a volume.
+const MOST_NAME_BYTES: usize = 1024;
 
 /// Policy for an existing output.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -87,6 +92,8 @@ pub struct PackOptions {
     pub downsample: Reductions,
     /// The meaning of the values.
     pub kind: Kind,
+    /// The volume's name in the store's OME-Zarr metadata; `None` writes none.
+    pub name: Option<String>,
     /// Width of the stored aprons in voxels, at most [`MAX_APRON`]; 0 stores none.
     pub aprons: u32,
     /// Most anonymous memory for the pack, in bytes.
@@ -108,6 +115,7 @@ impl PackOptions {
             codec: Codec::default_for(voxel_type),
             downsample: Reductions::default_for(Kind::Image),
             kind: Kind::Image,
+            name: None,
             aprons: 0,
             memory_bytes: 2 << 30,
             threads: std::thread::available_parallelism().map_or(1, usize::from),
@@ -127,6 +135,10 @@ impl PackOptions {
             format!("`aprons` {}: expected 1 or {MAX_APRON} voxels", self.aprons)
         } else if let Err(problem) = self.codec.to_string().parse::<Codec>() {
             format!("`codec` {}: {problem}", self.codec)
+        } else if self.name.as_ref().is_some_and(|name| {
+            name.trim().is_empty() || name.len() > MOST_NAME_BYTES || name.contains(char::is_control)
+        }) {
+            format!("`name`: expected 1 to {MOST_NAME_BYTES} bytes of text in one line")
         } else if self.shard_times == 0 {
             "`shard_times` 0: expected at least one time step".into()
         } else if self.threads == 0 {
@@ -197,6 +209,19 @@ pub enum PackError {
         given_bytes: u64,
         /// Other options within the allowed memory, in words; empty if there are none.
         advice: String,
+    },
+    /// The disk has less room than the pack's scratch files, which are always written in full.
+    #[error(
+        "{path}: {free} MiB are free, but packing needs {needed} MiB of scratch there: make room, choose another output, or \
+         allow more `memory`", free = free_bytes >> 20, needed = needed_bytes.div_ceil(1 << 20), path = path.display()
+    )]
+    NoRoom {
+        /// The directory of the store.
+        path: PathBuf,
+        /// Bytes needed for scratch files.
+        needed_bytes: u64,
+        /// Free bytes.
+        free_bytes: u64,
     },
     /// The input has a property no store can hold.
     #[error("the input's {what} {found}: expected {expected}; {cure}")]
@@ -414,7 +439,7 @@ pub(crate) fn pack_on(
         nodata: 0,
         was_complete: true,
     };
-    let start = Output::start(disk, store, options.exists, &settings, shards).map_err(|error| match error {
+    let start = Output::start(disk, store, options.exists, &settings, &plan).map_err(|error| match error {
         PackError::Io { path, error } if matches!(error.kind(), ErrorKind::StorageFull | ErrorKind::FileTooLarge) => {
             let nothing = Reached::new(0, 0, 0, plan.output_bytes_at_most);
             stopped(Stop::Disk(disk::DiskError { path, error }), &nothing, store, shards)
@@ -422,13 +447,7 @@ pub(crate) fn pack_on(
         other => other,
     });
     let Some(mut output) = start? else { return Ok(unchanged) };
-    tell(source.info(), progress);
-    warn_of_space(&output.dir, &plan, progress);
-    if disk::may_be_local(&output.dir) {
-        let what = "its file system may lock files on this machine only: let no other machine pack into it";
-        progress.warn(&format!("{}: {what}", output.dir.display()));
-    }
-    progress.planned(&plan);
+    announce(source.info(), &output.dir, &plan, progress);
     let shards_resumed = output.journal.finished_count();
     let pass = Pass { source, store: &output.dir, options, plan: &plan, disk, progress };
     let totals = (0..source.info().channels).map(|_| ChannelTotals::new(source.info().voxel_type)).collect();
@@ -448,6 +467,37 @@ pub(crate) fn pack_on(
         other => other,
     })?;
     Ok(PackReport { shards_resumed, written_bytes, non_finite, nodata, was_complete: false, ..unchanged })
+}
+
+/// Makes all checks before a pack, and reports its remarks and plan to `progress`, like [`pack`], which it then leaves undone: no file or
+/// folder is created or changed. Returns the plan; `None` if a finished store from the same source and settings exists, to resume.
+///
+/// # Errors
+/// If [`pack`] would fail before its first voxel.
+pub fn rehearse(
+    source: &dyn Source,
+    store: &Path,
+    options: &PackOptions,
+    progress: &dyn Progress,
+) -> Result<Option<PackPlan>, PackError> {
+    let plan = plan(source, options)?;
+    let Some(dir) = output::rehearse(&Disk::default(), store, options.exists, &settings(source, options), &plan)?
+    else {
+        return Ok(None);
+    };
+    announce(source.info(), &dir, &plan, progress);
+    Ok(Some(plan))
+}
+
+/// Reports the source's remarks, possible problems of the directory, and the plan.
+fn announce(source: &SourceInfo, dir: &Path, plan: &PackPlan, progress: &dyn Progress) {
+    tell(source, progress);
+    warn_of_space(dir, plan, progress);
+    if disk::may_be_local(disk::nearest(dir)) {
+        let what = "its file system may lock files on this machine only: let no other machine pack into it";
+        progress.warn(&format!("{}: {what}", dir.display()));
+    }
+    progress.planned(plan);
 }
 
 /// Packs the plan's time steps: cores and coarser levels, then aprons if they are stored. Adds the voxels to the
@@ -495,6 +545,9 @@ fn settings(source: &dyn Source, options: &PackOptions) -> Value {
     if let Some(time) = &info.time {
         settings["time"] = json!(time);
     }
+    if let Some(name) = &options.name {
+        settings["name"] = json!(name);
+    }
     let shard_times = options.shard_times.min(info.times);
     if shard_times > 1 {
         settings["shard_times"] = json!(shard_times);
@@ -533,8 +586,7 @@ pub(crate) fn tell(source: &SourceInfo, progress: &dyn Progress) {
 }
 
 fn warn_of_space(dir: &Path, plan: &PackPlan, progress: &dyn Progress) {
-    let Ok(disk) = rustix::fs::statvfs(dir) else { return };
-    let free = disk.f_bavail.saturating_mul(disk.f_frsize);
+    let Some(free) = disk::free_bytes(dir) else { return };
     let worst = plan.output_bytes_at_most.saturating_add(plan.scratch_bytes);
     if free < worst {
         progress.warn(&format!(
@@ -554,6 +606,7 @@ fn write_metadata(pass: &Pass, settings: &Value, passed: Passed) -> Result<(), d
     channels.iter_mut().zip(&info.channel_looks).for_each(|(channel, look)| channel.take_look(look));
     let store_info = StoreInfo {
         version: FORMAT_VERSION,
+        name: options.name.clone(),
         edge: options.edge,
         shard: options.shard_edge,
         shard_times: layout.shard_times,

@@ -117,6 +117,12 @@ impl SideArray {
         self.times as u64 * self.channels as u64 * self.paging().page_grid().volume()
     }
 
+    /// Number of files for the pages.
+    pub(crate) fn file_count(&self) -> u64 {
+        let groups = u64::from(self.times.div_ceil(self.file_times));
+        groups * u64::from(self.channels) * self.paging().page_grid().volume()
+    }
+
     /// The id of page `i` of `level`, counted row-major in (t, c, z, y, x).
     pub(crate) fn page_at(&self, level: Level, i: u64) -> PageId {
         let [time, channel, z, y, x] = place_at(i, self.channels, self.paging().page_grid());
@@ -183,6 +189,15 @@ pub(crate) fn level_arrays(store: &Path, layout: &Layout, level: Level, voxel_ty
         SideArray::hashes(store, layout, level),
         SideArray::fingerprints(store, layout, level),
     ]
+}
+
+/// Most files of a level's side data, and of its aprons' if `has_aprons`, with their documents and those of the voxels.
+pub(crate) fn level_files(layout: &Layout, level: Level, voxel_type: VoxelType, has_aprons: bool) -> u64 {
+    let nowhere = Path::new("");
+    let aprons = has_aprons.then(|| SideArray::fingerprints(nowhere, &layout.of_aprons(), level));
+    let arrays = level_arrays(nowhere, layout, level, voxel_type).into_iter().chain(aprons);
+    let of_voxels = if has_aprons { 2 } else { 1 };
+    of_voxels + arrays.map(|array| array.file_count().saturating_add(1)).fold(0, u64::saturating_add)
 }
 
 /// The documents of a level's side data, and of its aprons' if there are any, with their paths.

@@ -175,6 +175,7 @@ impl TestStore {
 
     fn info_with(&self, channels: Vec<ChannelStatistics>) -> StoreInfo {
         StoreInfo {
+            name: None,
             version: FORMAT_VERSION,
             edge: self.edge,
             shard: self.shard,

@@ -14,6 +14,7 @@
 
 mod block;
 pub(crate) mod documents;
+mod source;
 #[cfg(test)]
 mod tests;
 
@@ -30,9 +31,10 @@ use crate::side::{SideArray, level_arrays};
 use crate::stats::{ChannelTotals, Measure};
 use crate::store::Store;
 use block::{Block, BlockCheck, Buffers};
-use brickyard_import::is_of_process;
+use brickyard_import::{ImportError, is_of_process};
 use brickyard_volume::{BrickId, Extent, Level, Pyramid, VoxelBox, with_voxel_type};
 use rayon::prelude::*;
+pub use source::compare_within;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
@@ -105,6 +107,12 @@ pub enum VerifyError {
     /// The process lacks permission or resources to read some of the store, which is no store fault.
     #[error("{0}: not verified")]
     Barred(#[source] ReadError),
+    /// The store's source could not be read again.
+    #[error("{0}: not compared")]
+    Source(#[from] ImportError),
+    /// The store's voxels could not be read again.
+    #[error("{0}: not compared")]
+    Read(#[from] ReadError),
     /// The worker threads could not be started.
     #[error("cannot start worker threads: {0}")]
     Threads(String),

@@ -21,11 +21,15 @@ use std::path::{Path, PathBuf};
 pub fn root_document(layout: &Layout, geometry: &Geometry, info: &StoreInfo) -> Value {
     let (step, start) = time::step_and_start(info.time.as_ref());
     let multiscale = |layout: &Layout, method: Downsample| {
-        json!([{
+        let mut multiscale = json!({
             "axes": axes(layout, geometry, time::unit(info.time.as_ref())),
             "datasets": datasets(layout, geometry, step, start),
             "type": method.name(),
-        }])
+        });
+        if let Some(name) = &info.name {
+            multiscale["name"] = json!(name);
+        }
+        json!([multiscale])
     };
     let mut ome = json!({ "version": "0.5", "multiscales": multiscale(layout, info.downsample.main()) });
     if info.kind == Kind::Image {

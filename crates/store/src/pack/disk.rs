@@ -18,6 +18,17 @@ pub(crate) fn may_be_local(dir: &Path) -> bool {
     cfg!(target_os = "linux") && rustix::fs::statfs(dir).is_ok_and(|fs| KINDS.contains(&(fs.f_type as u64)))
 }
 
+/// A directory itself, or its nearest ancestor that exists.
+pub(crate) fn nearest(dir: &Path) -> &Path {
+    dir.ancestors().map(named).find(|dir| dir.exists()).unwrap_or(dir)
+}
+
+/// Free bytes for a directory, which may not exist yet; `None` if unknown.
+pub(crate) fn free_bytes(dir: &Path) -> Option<u64> {
+    let disk = rustix::fs::statvfs(nearest(dir)).ok()?;
+    Some(disk.f_bavail.saturating_mul(disk.f_frsize))
+}
+
 /// A failed change to the file system, and its path.
 #[derive(Debug)]
 pub(crate) struct DiskError {

@@ -71,6 +71,17 @@ impl Head {
     }
 }
 
+impl Head {
+    /// Checks that the pack in a directory has these settings.
+    ///
+    /// # Errors
+    /// If it has other data or settings.
+    pub(crate) fn may_resume(&self, store: &Path, settings: &Value) -> Result<(), PackError> {
+        difference(&self.settings, settings)
+            .map_or(Ok(()), |difference| Err(PackError::Mismatch { store: store.into(), difference }))
+    }
+}
+
 /// A head has some hundred bytes and the source's name.
 const MOST_HEAD_BYTES: u64 = 16 << 20;
 
@@ -116,9 +127,7 @@ impl<'a> Journal<'a> {
     /// # Errors
     /// If the pack has other data or settings, or the journal cannot be read or written.
     pub(crate) fn resume(&mut self, settings: &Value) -> Result<(), PackError> {
-        if let Some(difference) = difference(&self.head.settings, settings) {
-            return Err(PackError::Mismatch { store: self.store.clone(), difference });
-        }
+        self.head.may_resume(&self.store, settings)?;
         let most = MOST_HEAD_BYTES + MOST_LINE_BYTES.saturating_mul(self.head.shards);
         let text = read_at_most(open_file(&self.path()), most);
         let text = text.map_err(|error| PackError::Io { path: self.path(), error })?;

@@ -65,6 +65,15 @@ fn host() -> String {
     rustix::system::uname().nodename().to_string_lossy().into_owned()
 }
 
+/// The process packing into a directory; `None` if there is none, or it is unknown. Changes nothing.
+pub(crate) fn holder_of(dir: &Path) -> Option<Holder> {
+    let path = dir.join(LOCK_NAME);
+    let holder = Holder::read(&path).filter(Holder::may_live)?;
+    // Given back at once: a pack that starts meanwhile tries again.
+    let file = open_file(&path).ok()?;
+    matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock)).then_some(holder)
+}
+
 /// A directory's lock, released on drop.
 pub(crate) struct DirLock {
     dir: PathBuf,

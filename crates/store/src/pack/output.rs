@@ -17,10 +17,12 @@ use crate::folder::Folder;
 use crate::inside::{check_outside, named};
 use crate::json::read_json;
 use crate::layout::{JOURNAL_NAME, LOCK_NAME};
-use crate::pack::disk::{Disk, temporary, with_suffix};
+use crate::pack::disk::{Disk, free_bytes, nearest, temporary, with_suffix};
 use crate::pack::journal::{Head, Journal};
-use crate::pack::lock::DirLock;
+use crate::pack::lock::{self, DirLock};
+use crate::pack::plan::PackPlan;
 use crate::pack::{Exists, PackError, fingerprint, ours};
+use rustix::fs::Access;
 use serde_json::Value;
 use std::ffi::OsString;
 use std::io;
@@ -80,10 +82,11 @@ impl<'a> Output<'a> {
         store: &Path,
         exists: Exists,
         settings: &Value,
-        shards: u64,
+        plan: &PackPlan,
     ) -> Result<Option<Self>, PackError> {
         let store = resolve(store)?;
         check_outside(&store)?;
+        check_room(&store, plan)?;
         disk.work_at(&store);
         let made = ancestors_to_make(&store);
         for _ in 0..MOST_CHANGES {
@@ -103,7 +106,7 @@ impl<'a> Output<'a> {
             if decide(disk, &store, exists, settings)? != Some((step, dir.clone())) {
                 continue;
             }
-            if let Some(journal) = prepare(disk, &store, &dir, step, &lock, settings, shards)? {
+            if let Some(journal) = prepare(disk, &store, &dir, step, &lock, settings, plan.shard_count())? {
                 made.iter().try_for_each(|dir| disk.sync_dir(parent(dir)))?;
                 if let Some(replaced) = &replaced {
                     replaced.declare(disk)?;
@@ -130,6 +133,56 @@ impl<'a> Output<'a> {
     }
 }
 
+/// Makes the checks of [`Output::start`] without a lock or any change. Returns the working directory; `None` if a finished store with these
+/// settings exists.
+pub(crate) fn rehearse(
+    disk: &Disk,
+    store: &Path,
+    exists: Exists,
+    settings: &Value,
+    plan: &PackPlan,
+) -> Result<Option<PathBuf>, PackError> {
+    let store = resolve(store)?;
+    check_outside(&store)?;
+    check_room(&store, plan)?;
+    let Some((step, dir)) = decide(disk, &store, exists, settings)? else { return Ok(None) };
+    for dir in [&dir, &store] {
+        if let Some(holder) = lock::holder_of(dir) {
+            return Err(PackError::Busy { store: dir.clone(), holder: Some(holder) });
+        }
+    }
+    may_take(&store, &dir, step)?;
+    if step == Step::Resume {
+        Head::of(&dir)?.may_resume(&dir, settings)?;
+    }
+    // A pack would find out by creating its folder.
+    let place = nearest(&dir);
+    rustix::fs::access(place, Access::WRITE_OK | Access::EXEC_OK)
+        .map_err(|error| PackError::ReadOnly { path: place.into(), error: error.into() })?;
+    Ok(Some(dir))
+}
+
+/// Refuses a disk without room for the files that are always written in full.
+fn check_room(store: &Path, plan: &PackPlan) -> Result<(), PackError> {
+    let needed_bytes = plan.scratch_bytes;
+    match free_bytes(store) {
+        Some(free_bytes) if free_bytes < needed_bytes => {
+            Err(PackError::NoRoom { path: store.into(), needed_bytes, free_bytes })
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Refuses a step that would report an unfinished pack, or delete others' files.
+fn may_take(store: &Path, dir: &Path, step: Step) -> Result<(), PackError> {
+    match step {
+        Step::Refuse => Err(PackError::Exists { path: dir.into(), unfinished: true }),
+        Step::Tidy | Step::Resume => Ok(()),
+        Step::New | Step::Again if dir != store => refuse_foreign(store).and_then(|()| refuse_foreign(dir)),
+        Step::New | Step::Again => refuse_foreign(dir),
+    }
+}
+
 /// Prepares the locked directory; `None` if it must be inspected again.
 fn prepare<'a>(
     disk: &'a Disk,
@@ -146,8 +199,8 @@ fn prepare<'a>(
         _ if dir != store => Head::of(dir)?.replaces,
         _ => None,
     };
+    may_take(store, dir, step)?;
     match step {
-        Step::Refuse => return Err(PackError::Exists { path: dir.into(), unfinished: true }),
         Step::Tidy => {
             lock.declare(disk)?;
             tidy(disk, store, Head::of(dir)?.replaces.as_deref())?;
@@ -159,12 +212,8 @@ fn prepare<'a>(
             lock.declare(disk)?;
             return Ok(Some(journal));
         }
-        Step::New | Step::Again => {}
+        Step::Refuse | Step::New | Step::Again => {}
     }
-    if dir != store {
-        refuse_foreign(store)?;
-    }
-    refuse_foreign(dir)?;
     lock.declare(disk)?;
     // The old journal stays until replaced, so this never looks like a store.
     ours::remove(disk, dir)?;

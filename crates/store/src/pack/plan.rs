@@ -36,6 +36,7 @@ use crate::pack::shells::ApronMaker;
 use crate::pack::{PackError, PackOptions};
 use crate::shard::Fingerprint;
 use crate::shard_file::IoMode;
+use crate::side::level_files;
 use crate::stats::ChannelTotals;
 use brickyard_import::{Access, Source, SourceInfo};
 use brickyard_volume::{Extent, Level, LevelGrid, PAGE_EDGE_BRICKS, Paging, Pyramid, VoxelType};
@@ -67,6 +68,8 @@ pub struct PackPlan {
     pub input_scratch_bytes: u64,
     /// Uncompressed bytes of all levels and aprons. The store can hardly become larger.
     pub output_bytes_at_most: u64,
+    /// Most files of the store: shards (those of zeros alone have none), side data and documents.
+    pub files_at_most: u64,
     /// Uncompressed bytes of all aprons; 0 if none are stored.
     pub(crate) apron_bytes: u64,
     /// Shells cached by the second pass.
@@ -282,6 +285,7 @@ impl Draft {
             scratch_bytes: 0,
             input_scratch_bytes: source.scratch_bytes(),
             output_bytes_at_most: 0,
+            files_at_most: 0,
             apron_bytes: 0,
             shells: 0,
             stages,
@@ -290,6 +294,10 @@ impl Draft {
         let maker = options.apron().map(|apron| ApronMaker { apron, voxel_bytes: info.voxel_type.bytes() });
         plan.apron_bytes = maker.map_or(0, |maker| plan.brick_count().saturating_mul(maker.apron_bytes() as u64));
         plan.output_bytes_at_most = core_bytes.saturating_add(plan.apron_bytes);
+        let of_level = |stage: &Stage| level_files(&stage.layout, stage.level, info.voxel_type, plan.apron_bytes > 0);
+        let side_files = plan.stages.iter().map(of_level).fold(0, u64::saturating_add);
+        // And the root document.
+        plan.files_at_most = plan.shard_count().saturating_add(side_files).saturating_add(1);
         let streaming = fixed_bytes(&plan, info.voxel_type, options)
             .saturating_add(reading_bytes(source, options))
             .saturating_add(PROGRAM_BYTES);

@@ -4,6 +4,7 @@ mod cancel;
 mod limits;
 mod output;
 mod panics;
+mod rehearsal;
 mod shard_times;
 pub(crate) mod trial;
 
