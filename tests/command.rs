@@ -104,6 +104,47 @@ fn packing_and_appending_say_what_is_routine() {
     assert!(sandbox.run_ok("verify o.zarr --progress none").contains("1 brick in 1 shard is sound"));
 }
 
+/// A plan alone leaves nothing behind, and is refused like its pack; a store is compared with its input afterwards.
+#[test]
+fn a_pack_is_planned_and_compared() {
+    let sandbox = Sandbox::in_memory();
+    sandbox.write("a.raw", (0..8 * 6 * 4 * 3).map(|i| (1 + i % 250) as u8).collect::<Vec<u8>>());
+    let raw = "pack a.raw a.zarr --shape 8,6,4 --dtype u8 --times 3 --progress none";
+    let line = format!("{raw} --roi 1:7,0:5,1:4 --flip x --time 0:3:2 --to-dtype u16 --name wing");
+    let said = sandbox.run_ok(&format!("{line} --dry-run"));
+    assert!(said.starts_with("packing t2 z3 y5 x6 of u16, uncalibrated: at most "), "{said}");
+    let plan = json(&sandbox.run_ok(&format!("{line} --dry-run --json")));
+    assert_eq!(
+        (&plan["extent"], &plan["times"], &plan["seconds"]),
+        (&serde_json::json!([6, 5, 3]), &2.into(), &serde_json::Value::Null)
+    );
+    assert!(!sandbox.path("a.zarr").exists());
+    assert!(sandbox.run_ok(&format!("{line} --verify")).contains("sound"));
+    assert!(sandbox.run_ok("info a.zarr").starts_with("a.zarr: u16 volume 'wing', axes tzyx"));
+    sandbox.run_ok("export a.zarr b.raw --time 1 --progress none");
+    let voxel = |x: usize, y: usize, z: usize| (1 + (x + 8 * (y + 6 * (z + 4 * 2))) % 250) as u8;
+    let expected: Vec<u8> = (0..6 * 5 * 3).flat_map(|i| [voxel(6 - i % 6, i / 6 % 5, 1 + i / 30), 0]).collect();
+    assert_eq!(sandbox.read("b.raw"), expected);
+    // The same refusals, with the same codes.
+    for flags in [
+        "",
+        "--overwrite --memory 1MiB",
+        "--resume --roi 0:1,0:1,0:1",
+        "--roi 0:9,0:6,0:4",
+        "--overwrite --to-dtype i8",
+    ] {
+        let [(code, _, planned), (packed_code, _, packed)] =
+            [" --dry-run", ""].map(|dry| sandbox.run(&format!("{raw} {flags}{dry}")));
+        assert_eq!((code, packed_code, planned), (2, 2, packed), "{flags}");
+    }
+    for (path, mut bytes) in tree(&sandbox.path("a.zarr/0/c")) {
+        bytes[3] ^= 1;
+        sandbox.write(Path::new("a.zarr/0/c").join(path), bytes);
+    }
+    let (code, _, said) = sandbox.run(&format!("{line} --resume --verify"));
+    assert_eq!(code, 5, "{said}");
+}
+
 /// A full destination is named.
 #[cfg(target_os = "linux")]
 #[test]

@@ -7,6 +7,7 @@ Examples:
   brickyard pack 'step_*.npy' flow.zarr --time-step 0.5 --time-unit s
   brickyard pack head.raw --shape 256,256,108 --dtype i16 --spacing 0.957,0.957,1.5 --unit mm head.zarr
   brickyard pack labels.tif labels.zarr --kind labels
+  brickyard pack big.tif part.zarr --roi 0:512,0:512,0:100 --dry-run
 
 Inputs, as a file, a folder of files of one format, a pattern in quotes, or a list of files:
   DICOM     a folder, the files, or one file of a series; also multi-frame files

@@ -99,8 +99,9 @@ fn describe<'a>(path: &'a std::path::Path, store: &'a Store) -> Result<Info<'a>,
 
 fn text(info: &Info<'_>, store: &Store) -> String {
     let unit = info.unit.unwrap_or(if info.calibrated { "no unit given" } else { "uncalibrated" });
+    let named = info.store.name.as_ref().map_or(String::new(), |name| format!(" '{name}'"));
     let mut lines = vec![
-        format!("{}: {} volume, axes {}", info.path.display(), info.voxel_type, info.axes),
+        format!("{}: {} volume{named}, axes {}", info.path.display(), info.voxel_type, info.axes),
         format!("  {}, {}", time_steps(store), counted(info.channels.into(), "channel")),
         format!("  spacing {} ({unit}), first voxel centre at {}", triple(info.spacing), triple(info.origin)),
         orientation(store),

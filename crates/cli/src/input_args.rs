@@ -2,9 +2,10 @@
 //! read them.
 
 use super::named::Named;
+use super::step_range::StepRange;
 use super::{heading, values};
-use brickyard::import::{AxisOrder, Endian, FileOrder, Gaps, NoData, OpenOptions};
-use brickyard::volume::{Extent, VoxelType};
+use brickyard::import::{AxisOrder, ChannelChoice, Endian, FileOrder, Gaps, NoData, OpenOptions};
+use brickyard::volume::{Extent, VoxelBox, VoxelType};
 use clap::Args;
 use glam::DVec3;
 use std::path::PathBuf;
@@ -67,8 +68,24 @@ pub(crate) struct InputArguments {
     /// value (DICOM's padding, GDAL's tag in TIFF) is data [default: the file's]
     #[arg(help_heading = heading::INPUT, long, value_name = "VALUE|none", value_parser = values::nodata, allow_hyphen_values = true)]
     nodata: Option<NoData>,
-    /// Accept 64-bit numbers without an exact f32 or 32-bit integer; losses are counted. Never for labels, which would
-    /// become others
+    /// Box to take, in voxels of the input, ends excluded; it keeps its place in the world [default: all]
+    #[arg(help_heading = heading::INPUT, long, value_name = "x0:x1,y0:y1,z0:z1", value_parser = values::voxel_box)]
+    roi: Option<VoxelBox>,
+    /// Axes along which to reverse the voxels' order: the object is mirrored in its place; with an orientation (NIfTI,
+    /// DICOM) each voxel keeps its place in the patient instead [default: none]
+    #[arg(help_heading = heading::INPUT, long, value_name = "AXIS[,AXIS]", value_parser = values::flip)]
+    flip: Option<[bool; 3]>,
+    /// Channels to take, in this order, by number (from 0) or name [default: all]
+    #[arg(help_heading = heading::INPUT, long, value_name = "CHANNEL,...", value_delimiter = ',')]
+    take_channel: Vec<ChannelChoice>,
+    /// Time steps to take, N, A:B or A:B:S (B excluded), with their times [default: all]
+    #[arg(help_heading = heading::INPUT, long, value_name = "N|A:B[:S]")]
+    take_time: Option<StepRange>,
+    /// Voxel type to convert to; values stay the same numbers, none is rescaled [default: the input's]
+    #[arg(help_heading = heading::INPUT, long, value_name = "DTYPE")]
+    to_dtype: Option<VoxelType>,
+    /// Accept numbers that the voxel type cannot hold (64-bit ones, and those of --to-dtype), rounded and clamped;
+    /// losses are counted. Never for labels, which would become others
     #[arg(help_heading = heading::INPUT, long)]
     allow_lossy: bool,
     /// Folder for scratch files of inputs without random access [default: the system's for temporary files]
@@ -100,6 +117,11 @@ impl InputArguments {
             time_unit: self.time_unit,
             time_stamps: self.time_stamps,
             nodata: self.nodata.unwrap_or_default(),
+            roi: self.roi,
+            flip: self.flip.unwrap_or_default(),
+            take_channel: self.take_channel,
+            take_time: self.take_time.as_ref().map(StepRange::choice),
+            to_voxel_type: self.to_dtype,
             allow_lossy: self.allow_lossy,
             scratch_dir: self.scratch,
             ..OpenOptions::default()

@@ -26,6 +26,7 @@ mod named;
 mod output;
 mod pack;
 mod pack_settings;
+mod plan_text;
 mod probe;
 mod progress;
 mod quality;

@@ -2,13 +2,15 @@
 
 use super::input_args::InputArguments;
 use super::pack_settings::PackSettings;
-use super::{Failure, store_errors};
+use super::{Failure, heading, store_errors};
 use brickyard::import::{self, OpenOptions};
 use clap::Args;
 use std::path::PathBuf;
 
 /// `brickyard pack INPUT... STORE`
 #[derive(Args)]
+#[command(mut_arg("take_channel", |flag| flag.visible_alias("channel")))]
+#[command(mut_arg("take_time", |flag| flag.visible_alias("time")))]
 pub(crate) struct PackArguments {
     /// Input files, a folder of files of one format, or a quoted pattern (step_*.npy, step_%04d.raw), then the store to
     /// create; several files are time steps, or planes
@@ -18,6 +20,15 @@ pub(crate) struct PackArguments {
     input: InputArguments,
     #[command(flatten)]
     settings: PackSettings,
+    /// Print the plan and the notes, make all checks, and create nothing
+    #[arg(help_heading = heading::OUTPUT, long, conflicts_with = "verify")]
+    dry_run: bool,
+    /// Print the plan as JSON
+    #[arg(help_heading = heading::OUTPUT, long, requires = "dry_run")]
+    json: bool,
+    /// Compare the store with the input afterwards, voxel by voxel, and check it as `verify` does
+    #[arg(help_heading = heading::WORK, long)]
+    verify: bool,
 }
 
 /// Runs `pack`.
@@ -30,5 +41,12 @@ pub(crate) fn run(mut arguments: PackArguments) -> Result<(), Failure> {
         store.ok_or_else(|| Failure::usage("expected at least one input and the store to make: INPUT... STORE"))?;
     let options = OpenOptions { are_labels: arguments.settings.store.are_labels(), ..arguments.input.options() };
     let source = import::open(&arguments.paths, &options).map_err(|error| store_errors::import_failure(&error))?;
-    arguments.settings.pack(&*source, &store)
+    if arguments.dry_run {
+        return arguments.settings.rehearse(&*source, &store, arguments.json);
+    }
+    arguments.settings.pack(&*source, &store)?;
+    if arguments.verify {
+        arguments.settings.limits.verify(&*source, &store)?;
+    }
+    Ok(())
 }

@@ -4,14 +4,15 @@ use super::advice::with_flags;
 use super::failure::{ExitKind, Failure};
 use super::interrupt::Interrupt;
 use super::named::Named;
+use super::plan_text::PlanText;
 use super::progress::{Progress, ProgressStyleArgument};
-use super::say::say;
-use super::{heading, store_errors, values};
+use super::say::{self, say};
+use super::{heading, print_json, print_line, store_errors, values, verify};
 use brickyard::import::{Source, SourceInfo};
 use brickyard::store::{
     self, AppendOptions, Codec, Downsample, Exists, Kind, PackError, PackOptions, PackPlan, Reductions, Store,
 };
-use brickyard::volume::{Extent, MAX_APRON, VoxelType, counted};
+use brickyard::volume::{MAX_APRON, VoxelType, counted};
 use clap::Args;
 use std::num::NonZeroUsize;
 use std::path::Path;
@@ -24,6 +25,9 @@ pub(crate) struct StoreSettings {
     /// Meaning of the voxels; labels are never averaged [default: image]
     #[arg(help_heading = heading::INPUT, long, value_parser = KINDS)]
     kind: Option<Kind>,
+    /// Name of the volume in the store's OME-Zarr metadata [default: none]
+    #[arg(help_heading = heading::STORE, long, value_name = "NAME")]
+    name: Option<String>,
     /// Voxels along a brick's edge; a power of two [default: 64]
     #[arg(help_heading = heading::STORE, long)]
     brick: Option<u32>,
@@ -62,6 +66,22 @@ impl PackingLimits {
     pub(crate) fn limit(&self, options: PackOptions) -> PackOptions {
         let threads = self.threads.map_or(options.threads, NonZeroUsize::get);
         PackOptions { memory_bytes: self.memory, threads, ..options }
+    }
+
+    /// Compares a packed store with its source, and verifies it.
+    ///
+    /// # Errors
+    /// Exit code 5 if it differs from the source, or anything in it is wrong; every problem is printed.
+    pub(crate) fn verify(&self, source: &dyn Source, path: &Path) -> Result<(), Failure> {
+        let threads = self.limit(PackOptions::new(source.info().voxel_type)).threads;
+        let progress = Progress::new(self.progress, "compare");
+        let compared =
+            store::compare_within(path, source, self.memory, threads, |done, total| progress.set(done, total));
+        progress.finish();
+        let difference = compared.map_err(|error| store_errors::verify_failure(error, path))?;
+        let mut report = verify::report(path, self.memory, self.progress)?;
+        report.problems.splice(0..0, difference);
+        verify::tell(&report, path, false)
     }
 
     pub(crate) fn of_append(&self) -> AppendOptions {
@@ -120,6 +140,7 @@ impl StoreSettings {
             codec: self.codec.unwrap_or(defaults.codec),
             downsample,
             kind,
+            name: self.name.clone(),
             aprons: self.aprons.unwrap_or(0),
             ..defaults
         })
@@ -133,6 +154,7 @@ impl StoreSettings {
         let info = store.info();
         let codec = self.codec.map(|codec| codec.for_voxel_type(info.voxel_type));
         let flags = [
+            ("--name", self.name.clone(), info.name.clone().unwrap_or_else(|| "no name".into())),
             ("--kind", self.kind.map(|kind| KINDS.name(&kind).to_owned()), KINDS.name(&info.kind).to_owned()),
             ("--brick", self.brick.map(|edge| edge.to_string()), info.edge.to_string()),
             ("--shard", self.shard.map(|edge| edge.to_string()), info.shard.to_string()),
@@ -174,7 +196,8 @@ impl PackSettings {
         let info = source.info();
         let options = self.options(info.voxel_type)?;
         note_uncalibrated(info);
-        let watcher = Watcher::new(info, "pack", self.limits.progress, Some(options.shard_times), Interrupt::watch()?);
+        let planned = Planned { source, options: &options, shown: PlanShown::Line };
+        let watcher = Watcher::new(info, "pack", self.limits.progress, Some(planned), Interrupt::watch()?);
         let started = Instant::now();
         let packed = store::pack(source, path, &options, &watcher);
         watcher.finish();
@@ -196,6 +219,25 @@ impl PackSettings {
         }
         note_non_finite(report.non_finite);
         Ok(())
+    }
+
+    /// Makes all checks of [`PackSettings::pack`], and prints the plan and the remarks, but packs nothing.
+    ///
+    /// # Errors
+    /// As for a pack, before its first voxel.
+    pub(crate) fn rehearse(&self, source: &dyn Source, path: &Path, json: bool) -> Result<(), Failure> {
+        let info = source.info();
+        let options = self.options(info.voxel_type)?;
+        note_uncalibrated(info);
+        let planned = Planned { source, options: &options, shown: PlanShown::Not };
+        let watcher = Watcher::new(info, "pack", ProgressStyleArgument::None, Some(planned), Interrupt::watch()?);
+        let plan = store::rehearse(source, path, &options, &watcher).map_err(|error| self.failure(error, path))?;
+        let Some(plan) = plan else {
+            say!("{} is complete already", path.display());
+            return Ok(());
+        };
+        let text = PlanText { info, plan: &plan, time: store::estimate(source, &options, &plan) };
+        if json { print_json(&text.json()) } else { print_line(&text.words()) }
     }
 
     fn failure(&self, error: PackError, store: &Path) -> Failure {
@@ -231,13 +273,28 @@ pub(crate) fn note_non_finite(voxels: u64) {
     }
 }
 
+/// A pack about to begin.
+pub(crate) struct Planned<'a> {
+    source: &'a dyn Source,
+    options: &'a PackOptions,
+    shown: PlanShown,
+}
+
+/// Whether a plan is shown before the work.
+#[derive(PartialEq)]
+enum PlanShown {
+    Line,
+    /// The plan is the command's result.
+    Not,
+}
+
 /// Shows the remarks and the progress of a pack or an append, and a pack's plan.
 pub(crate) struct Watcher<'a> {
     info: &'a SourceInfo,
     style: ProgressStyleArgument,
     progress: Progress,
-    /// Number of time steps in a pack's shard; `None` for an append, which shows no plan and no aprons.
-    shard_times: Option<u32>,
+    /// The pack; `None` for an append, which shows no plan and no aprons.
+    pack: Option<Planned<'a>>,
     /// Set once aprons are made.
     aprons: OnceLock<Progress>,
     interrupt: Interrupt,
@@ -249,10 +306,10 @@ impl<'a> Watcher<'a> {
         info: &'a SourceInfo,
         what: &'static str,
         style: ProgressStyleArgument,
-        shard_times: Option<u32>,
+        pack: Option<Planned<'a>>,
         interrupt: Interrupt,
     ) -> Self {
-        Self { info, style, progress: Progress::new(style, what), shard_times, aprons: OnceLock::new(), interrupt }
+        Self { info, style, progress: Progress::new(style, what), pack, aprons: OnceLock::new(), interrupt }
     }
 
     pub(crate) fn finish(&self) {
@@ -281,18 +338,14 @@ fn of_small_shards(plan: &PackPlan, shard_times: u32) -> Option<String> {
 
 impl store::Progress for Watcher<'_> {
     fn planned(&self, plan: &PackPlan) {
-        let (info, Some(shard_times)) = (self.info, self.shard_times) else { return };
-        let Extent { x, y, z } = info.extent;
-        let (steps, channels) = (counted(info.times.into(), "step"), counted(info.channels.into(), "channel"));
-        let scratch_bytes = plan.scratch_bytes.saturating_add(plan.input_scratch_bytes);
-        let [memory, scratch, output] =
-            [plan.memory_bytes, scratch_bytes, plan.output_bytes_at_most].map(values::human_bytes);
-        say!(
-            "packing {x} x {y} x {z} {} voxels, {steps}, {channels}: at most {memory} of memory, {scratch} of scratch, \
-             {output} of output",
-            info.voxel_type
-        );
-        if let Some(hint) = of_small_shards(plan, shard_times) {
+        let Some(Planned { source, options, shown }) = &self.pack else { return };
+        if *shown == PlanShown::Line {
+            // A resumed pack has done some of the work.
+            let is_new = options.exists != Exists::Resume && !say::is_quiet();
+            let time = is_new.then(|| store::estimate(*source, options, plan)).flatten();
+            say!("{}", PlanText { info: self.info, plan, time }.words());
+        }
+        if let Some(hint) = of_small_shards(plan, options.shard_times) {
             say!("note: {hint}");
         }
     }
@@ -315,7 +368,7 @@ impl store::Progress for Watcher<'_> {
             self.progress.finish();
             Progress::new(self.style, "aprons")
         };
-        if self.shard_times.is_some() {
+        if self.pack.is_some() {
             self.aprons.get_or_init(start).set(done, total);
         }
     }

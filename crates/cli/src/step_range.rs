@@ -1,6 +1,7 @@
 //! Time steps on the command line: one, some or all of them.
 
 use super::Failure;
+use brickyard::import::StepChoice;
 use brickyard::volume::counted;
 use std::str::FromStr;
 
@@ -58,6 +59,14 @@ impl std::fmt::Display for StepRange {
 }
 
 impl StepRange {
+    /// The steps of an input, whose number is not known yet.
+    pub(crate) fn choice(&self) -> StepChoice {
+        match *self {
+            Self::One(first) => StepChoice { first, end: Some(first.saturating_add(1)), stride: 1 },
+            Self::Some { first, end, stride } => StepChoice { first, end, stride },
+        }
+    }
+
     /// Returns the first step, the end (excluded) and the stride, in a store of `times` steps.
     ///
     /// # Errors

@@ -52,6 +52,10 @@ pub(crate) fn verify_failure(error: VerifyError, store: &Path) -> Failure {
         }
         VerifyError::Open(error) => open_failure(&error),
         VerifyError::Barred(error) => read_failure(&error),
+        VerifyError::Source(error) => import_failure(&error),
+        // Such bricks are what verification looks for.
+        VerifyError::Read(error @ ReadError::Io { .. }) => read_failure(&error),
+        VerifyError::Read(error) => Failure::new(ExitKind::VerificationFailed, error),
         VerifyError::Memory { .. } => Failure::usage(error),
         VerifyError::Threads(_) => Failure::failed(error),
     }
@@ -93,6 +97,7 @@ fn pack_kind(error: &PackError) -> ExitKind {
         PackError::Busy { .. }
         | PackError::ReadOnly { .. }
         | PackError::NoLock { .. }
+        | PackError::NoRoom { .. }
         | PackError::ReadBack { .. }
         | PackError::Panic { .. }
         | PackError::Io { .. }

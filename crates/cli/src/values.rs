@@ -132,6 +132,19 @@ pub(crate) fn voxel_box(text: &str) -> Result<VoxelBox, String> {
     Ok(VoxelBox::new(ends.map(|e| e[0]), ends.map(|e| e[1])))
 }
 
+/// Reads axes, `x`, `y`, `z`, separated by commas.
+pub(crate) fn flip(text: &str) -> Result<[bool; 3], String> {
+    let mut flip = [false; 3];
+    for letter in text.split(',').map(str::trim) {
+        let axis = ["x", "y", "z"].iter().position(|axis| *axis == letter);
+        let Some(axis) = axis.filter(|axis| !flip[*axis]) else {
+            return Err(format!("'{text}': expected some of x, y, z, each once, with commas between them, as in x,z"));
+        };
+        flip[axis] = true;
+    }
+    Ok(flip)
+}
+
 /// Reads `X0:X1,Y0:Y1,Z0:Z1`: two corners, in any unit.
 pub(crate) fn corners(text: &str) -> Result<[DVec3; 2], String> {
     let ends: [[f64; 2]; 3] = box_ends(text, "X0:X1,Y0:Y1,Z0:Z1")?;
@@ -305,6 +318,17 @@ mod tests {
         assert_eq!(corners("-1:2,1.5:3,5:9"), Ok([DVec3::new(-1.0, 1.5, 5.0), DVec3::new(2.0, 3.0, 9.0)]));
         assert!(corners("0:2,3:1,5:9").unwrap_err().contains("empty"));
         assert!(corners("0:nan,0:1,5:9").is_err() && corners("0:inf,0:1,5:9").is_err());
+    }
+
+    #[test]
+    fn flipped_axes_are_named_once() {
+        assert_eq!(
+            [flip("x"), flip("z,x"), flip("x, y,z")],
+            [[true, false, false], [true, false, true], [true; 3]].map(Ok)
+        );
+        for bad in ["", "w", "x,x", "xy", "0", "X"] {
+            assert!(flip(bad).unwrap_err().contains("x, y, z"), "{bad}");
+        }
     }
 
     #[test]

@@ -8,7 +8,7 @@ use brickyard::store::{self, VerifyReport};
 use brickyard::volume::{BrickId, counted};
 use clap::Args;
 use std::collections::BTreeSet;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// `brickyard verify STORE`
 #[derive(Args)]
@@ -31,11 +31,27 @@ pub(crate) struct VerifyArguments {
 /// # Errors
 /// Exit code 5 if anything in the store is wrong; every problem is printed.
 pub(crate) fn run(arguments: &VerifyArguments) -> Result<(), Failure> {
-    let progress = Progress::new(arguments.progress, "verify");
-    let report = store::verify_within(&arguments.store, arguments.memory, |done, total| progress.set(done, total));
+    let VerifyArguments { ref store, memory, json, progress } = *arguments;
+    tell(&report(store, memory, progress)?, store, json)
+}
+
+/// Verifies a store.
+///
+/// # Errors
+/// If it cannot be read.
+pub(crate) fn report(store: &Path, memory: u64, style: ProgressStyleArgument) -> Result<VerifyReport, Failure> {
+    let progress = Progress::new(style, "verify");
+    let report = store::verify_within(store, memory, |done, total| progress.set(done, total));
     progress.finish();
-    let report = report.map_err(|error| store_errors::verify_failure(error, &arguments.store))?;
-    if arguments.json {
+    report.map_err(|error| store_errors::verify_failure(error, store))
+}
+
+/// Prints a store's report.
+///
+/// # Errors
+/// Exit code 5 if it has problems.
+pub(crate) fn tell(report: &VerifyReport, store: &Path, json: bool) -> Result<(), Failure> {
+    if json {
         let listed = |problems: &[store::VerifyProblem]| {
             let problem =
                 |p: &store::VerifyProblem| serde_json::json!({ "brick": p.brick, "path": p.path, "what": p.what });
@@ -58,13 +74,13 @@ pub(crate) fn run(arguments: &VerifyArguments) -> Result<(), Failure> {
         }
     }
     if !report.problems.is_empty() {
-        let problem = format!("{}: {}", arguments.store.display(), summary(&report));
+        let problem = format!("{}: {}", store.display(), summary(report));
         return Err(Failure::new(ExitKind::VerificationFailed, problem));
     }
-    if !arguments.json {
+    if !json {
         let are = if report.bricks == 1 { "is" } else { "are" };
         let (bricks, shards) = (counted(report.bricks, "brick"), counted(report.shards, "shard"));
-        print_line(&format!("{}: {bricks} in {shards} {are} sound", arguments.store.display()))?;
+        print_line(&format!("{}: {bricks} in {shards} {are} sound", store.display()))?;
     }
     Ok(())
 }
