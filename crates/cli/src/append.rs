@@ -21,8 +21,9 @@ use std::time::Instant;
 pub(crate) struct AppendArguments {
     /// The store; if missing, created from the first file
     store: PathBuf,
-    /// A file, or a folder of DICOM files or planes, for each step, in their order
-    #[arg(required = true, num_args = 1.., value_name = "FILE")]
+    /// A file, a folder of DICOM files or planes, or - for raw voxels on standard input, for each step, in their order
+    /// [default: one step, of the channels of --variable NAME=FILE]
+    #[arg(required_unless_present = "variable", num_args = 1.., value_name = "FILE")]
     files: Vec<PathBuf>,
     /// Times of the steps, one for each file, ascending [default: they continue evenly]
     #[arg(help_heading = heading::INPUT, long, value_name = "TIME[,TIME...]", value_delimiter = ',', allow_hyphen_values = true)]
@@ -48,7 +49,8 @@ struct Settings {
 /// # Errors
 /// With the message and exit code for the user.
 pub(crate) fn run(arguments: AppendArguments) -> Result<(), Failure> {
-    let AppendArguments { store, files, time, input, settings, limits } = arguments;
+    let AppendArguments { store, mut files, time, input, settings, limits } = arguments;
+    let options = input.options(&mut files)?;
     if !time.is_empty() && time.len() != files.len() {
         let (given, files) = (counted(time.len() as u64, "time"), counted(files.len() as u64, "file"));
         return Err(Failure::usage(format!("--time: expected one time per file, found {given} for {files}")));
@@ -56,7 +58,7 @@ pub(crate) fn run(arguments: AppendArguments) -> Result<(), Failure> {
     if let Some(odd) = time.iter().find(|time| !time.is_finite()) {
         return Err(Failure::usage(format!("--time {odd}: expected finite numbers")));
     }
-    let input = OpenOptions { is_step: files.len() > 1, ..step_options(&store, &settings, input.options())? };
+    let input = OpenOptions { is_step: files.len() > 1, ..step_options(&store, &settings, options)? };
     if input.time_stamps.is_some() {
         let problem = "--time-stamps is for pack; give the times of appended files as --time TIME[,TIME...]";
         return Err(Failure::usage(problem));

@@ -3,8 +3,10 @@
 
 use super::named::Named;
 use super::step_range::StepRange;
-use super::{heading, values};
-use brickyard::import::{AxisOrder, ChannelChoice, Endian, FileOrder, Gaps, NoData, OpenOptions};
+use super::{Failure, heading, values};
+use brickyard::import::{
+    ArrayPlace, AxisOrder, ChannelArray, ChannelChoice, Endian, FileOrder, Gaps, NoData, OpenOptions,
+};
 use brickyard::volume::{Extent, VoxelBox, VoxelType};
 use clap::Args;
 use glam::DVec3;
@@ -22,16 +24,27 @@ pub(crate) struct InputArguments {
     /// Byte order, for raw input
     #[arg(help_heading = heading::RAW, long, value_parser = ENDIANS, default_value = "little")]
     endian: Endian,
-    /// Bytes to skip at the start, for raw input
-    #[arg(help_heading = heading::RAW, long, value_name = "BYTES", default_value_t = 0)]
-    offset: u64,
+    /// Bytes to skip at the start, for raw input; if given, also 0, bytes behind the voxels are left out, too [default: 0]
+    #[arg(help_heading = heading::RAW, long, value_name = "BYTES")]
+    offset: Option<u64>,
+    /// Bytes from a time step to the next, for raw input with something between steps [default: as long as a step]
+    #[arg(help_heading = heading::RAW, long, value_name = "BYTES")]
+    step_bytes: Option<u64>,
+    /// Bytes from a channel to the next, for raw input with something between channels [default: as long as a channel]
+    #[arg(help_heading = heading::RAW, long, value_name = "BYTES")]
+    channel_bytes: Option<u64>,
     /// Axis letters of the input's array, slowest first, e.g. tczyx [default: the file's; tczyx of raw input]
     #[arg(help_heading = heading::INPUT, long)]
     axes: Option<AxisOrder>,
-    /// Array or dataset to read, from a file of several; an HDF5 dataset also as FILE::PATH [default: the file's own
-    /// choice, or its only one]
-    #[arg(help_heading = heading::INPUT, long, value_name = "NAME")]
-    variable: Option<String>,
+    /// Array or dataset to read, from a file of several, also as FILE::NAME; several, separated by commas, are channels.
+    /// Without an input, NAME=FILE for each channel, also NAME=FILE::PATH [default: the file's own choice, or its only
+    /// one]
+    #[arg(help_heading = heading::INPUT, long, value_name = "NAME[,NAME...]|NAME=FILE")]
+    variable: Vec<String>,
+    /// One channel of several, by name or number; or made of all: their magnitude, or the phase of complex numbers
+    /// [default: every channel]
+    #[arg(help_heading = heading::INPUT, long, value_name = "NAME|magnitude|phase")]
+    component: Option<String>,
     /// Time steps in the file, for raw input with a t axis [default: 1]
     #[arg(help_heading = heading::RAW, long)]
     times: Option<u32>,
@@ -98,14 +111,25 @@ const ORDERS: Named<FileOrder> = Named(&[("given", FileOrder::Given, ""), ("natu
 const GAPS: Named<Gaps> = Named(&[("refuse", Gaps::Refuse, ""), ("blank", Gaps::Blank, "")]);
 
 impl InputArguments {
-    pub(crate) fn options(self) -> OpenOptions {
-        OpenOptions {
+    /// The options for these inputs. Without any, the first file of `--variable NAME=FILE` becomes one, standing for all
+    /// channels.
+    ///
+    /// # Errors
+    /// Exit code 2 for a malformed `--variable`.
+    pub(crate) fn options(self, inputs: &mut Vec<PathBuf>) -> Result<OpenOptions, Failure> {
+        let (variable, channel_arrays) =
+            arrays_of(&self.variable, inputs).map_err(|problem| Failure::usage(format!("--variable {problem}")))?;
+        Ok(OpenOptions {
             shape: self.shape,
             voxel_type: self.dtype,
             endian: self.endian,
             offset: self.offset,
+            step_bytes: self.step_bytes,
+            channel_bytes: self.channel_bytes,
             axes: self.axes,
-            variable: self.variable,
+            variable,
+            channel_arrays,
+            component: self.component,
             times: self.times,
             channels: self.channels,
             order: self.order,
@@ -125,7 +149,24 @@ impl InputArguments {
             allow_lossy: self.allow_lossy,
             scratch_dir: self.scratch,
             ..OpenOptions::default()
+        })
+    }
+}
+
+/// The array that `--variable` names, or those that become channels: of the inputs, or of files of their own, the first of
+/// which becomes the input.
+fn arrays_of(variable: &[String], inputs: &mut Vec<PathBuf>) -> Result<(Option<String>, Vec<ChannelArray>), String> {
+    match variable {
+        [] => Ok((None, Vec::new())),
+        texts if inputs.is_empty() => {
+            let arrays = texts.iter().map(|text| ChannelArray::of_file(text)).collect::<Result<Vec<_>, _>>()?;
+            if let Some(ChannelArray { place: ArrayPlace::File(file), .. }) = arrays.first() {
+                inputs.push(file.clone());
+            }
+            Ok((None, arrays))
         }
+        [one] if !one.contains(',') => Ok((Some(one.clone()), Vec::new())),
+        texts => Ok((None, ChannelArray::of_input(texts)?)),
     }
 }
 

@@ -12,8 +12,9 @@ use std::path::PathBuf;
 #[command(mut_arg("take_channel", |flag| flag.visible_alias("channel")))]
 #[command(mut_arg("take_time", |flag| flag.visible_alias("time")))]
 pub(crate) struct PackArguments {
-    /// Input files, a folder of files of one format, or a quoted pattern (step_*.npy, step_%04d.raw), then the store to
-    /// create; several files are time steps, or planes
+    /// Input files, a folder of files of one format, a quoted pattern (step_*.npy, step_%04d.raw), or - for raw voxels on
+    /// standard input, then the store to create; several files are time steps, or planes. Without an input, the channels
+    /// of --variable NAME=FILE
     #[arg(required = true, num_args = 1.., value_name = "INPUT... STORE")]
     paths: Vec<PathBuf>,
     #[command(flatten)]
@@ -36,10 +37,18 @@ pub(crate) struct PackArguments {
 /// # Errors
 /// With the message and exit code for the user.
 pub(crate) fn run(mut arguments: PackArguments) -> Result<(), Failure> {
-    let store = arguments.paths.pop().filter(|_| !arguments.paths.is_empty());
+    let store = arguments.paths.pop();
+    let options = arguments.input.options(&mut arguments.paths)?;
+    let store = store.filter(|_| !arguments.paths.is_empty());
     let store =
         store.ok_or_else(|| Failure::usage("expected at least one input and the store to make: INPUT... STORE"))?;
-    let options = OpenOptions { are_labels: arguments.settings.store.are_labels(), ..arguments.input.options() };
+    let stream = import::stream_among(&arguments.paths, &options.channel_arrays);
+    if let Some(stream) = stream.filter(|_| arguments.settings.resume) {
+        let problem = "--resume: a stream cannot be read again from where it stopped; pack it anew with --overwrite, \
+                       or from a file";
+        return Err(Failure::usage(format!("{}: {problem}", stream.display())));
+    }
+    let options = OpenOptions { are_labels: arguments.settings.store.are_labels(), ..options };
     let source = import::open(&arguments.paths, &options).map_err(|error| store_errors::import_failure(&error))?;
     if arguments.dry_run {
         return arguments.settings.rehearse(&*source, &store, arguments.json);

@@ -103,7 +103,7 @@ pub(crate) struct PackSettings {
     pub(crate) limits: PackingLimits,
     /// Continue an interrupted pack of the same input and settings
     #[arg(help_heading = heading::WORK, long, conflicts_with = "overwrite")]
-    resume: bool,
+    pub(crate) resume: bool,
     /// Replace an existing output
     #[arg(help_heading = heading::WORK, long)]
     pub(crate) overwrite: bool,

@@ -11,6 +11,7 @@ use super::session_errors::session_failure;
 use super::{Failure, heading, store_errors, values};
 use brickyard::backend::BackendChoice;
 use brickyard::background;
+use brickyard::import::stream_among;
 use brickyard::openable::OpenableError;
 use brickyard::opening::{OpeningError, OpeningOptions};
 use brickyard::preview::PreviewError;
@@ -87,22 +88,24 @@ pub(crate) fn run(arguments: ViewArguments, matches: Option<&ArgMatches>) -> Res
             text.parse().map_err(|problem| Failure::bad_input(format!("{}: {problem}", path.display())))?
         }
     };
+    let mut paths = arguments.stores;
+    let files = arguments.input.options(&mut paths)?;
     let paths = match arguments.scene.file() {
-        Some(file) if arguments.stores.is_empty() => named_volumes(file)?,
-        _ => arguments.stores,
+        Some(file) if paths.is_empty() => named_volumes(file)?,
+        _ => paths,
     };
+    if let Some(stream) = stream_among(&paths, &files.channel_arrays) {
+        let (path, problem) =
+            (stream.display(), "a stream is read once, a window reads again: pack it first, then view its store");
+        return Err(Failure::usage(format!("{path}: {problem}")));
+    }
     if paths.is_empty() && has_scene {
         return Err(Failure::usage("these flags describe how volumes are shown: name the volumes, too"));
     }
     // Previews are within the limit, and leave most of it.
     let preview_bytes =
         OpeningOptions::default().preview_bytes.min(arguments.limits.host_memory / 4 / paths.len().max(1) as u64);
-    let options = OpeningOptions {
-        files: arguments.input.options(),
-        kind: arguments.kind,
-        store: arguments.store,
-        preview_bytes,
-    };
+    let options = OpeningOptions { files, kind: arguments.kind, store: arguments.store, preview_bytes };
     let openings = opened(paths, options)?;
     let volumes = openings.volumes();
     let mut scene = arguments.scene.scene_of_one_step(&volumes, arguments.size)?;

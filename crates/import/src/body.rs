@@ -147,13 +147,13 @@ fn decode(mut stream: Box<dyn Read>, path: &Path, array: &ArrayLayout, options: 
 
 /// Refuses in advance to fill the disk.
 #[cfg(unix)]
-fn check_space(directory: &Path, needed: u64) -> Result<()> {
+pub(crate) fn check_space(directory: &Path, needed: u64) -> Result<()> {
     let stat = rustix::fs::statvfs(directory).map_err(|e| ImportError::scratch(directory)(e.into()))?;
     let free = stat.f_bavail.saturating_mul(stat.f_frsize);
     if free < needed {
         let [needed, free] = [needed, free].map(human_bytes);
         let problem = format!(
-            "{needed} of scratch space needed to inflate the input, {free} free; choose another place with `scratch_dir`"
+            "{needed} of scratch space needed for the input, {free} free; choose another place with `scratch_dir`"
         );
         return Err(ImportError::options(directory, problem));
     }
@@ -161,7 +161,7 @@ fn check_space(directory: &Path, needed: u64) -> Result<()> {
 }
 
 #[cfg(not(unix))]
-fn check_space(_directory: &Path, _needed: u64) -> Result<()> {
+pub(crate) fn check_space(_directory: &Path, _needed: u64) -> Result<()> {
     Ok(())
 }
 

@@ -19,6 +19,8 @@ pub(crate) enum Format {
     Envi,
     Bov,
     Hdf5,
+    /// A raw file with a text beside it.
+    RawText,
     Raw,
 }
 
@@ -103,6 +105,7 @@ impl Format {
             Self::Vtk => "VTK",
             Self::Pvd => ".pvd",
             Self::Hdf5 => "HDF5",
+            Self::RawText => "raw (described by .json)",
             Self::Raw => "raw",
         }
     }

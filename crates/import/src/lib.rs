@@ -3,8 +3,9 @@
 //! [`open`] picks a reader by name, first bytes and flags. Uncompressed arrays (raw, `.npy`, NIfTI, MRC, ImageJ's large
 //! stacks) are read by [`RawSource`], which maps the file; compressed arrays are decoded once into scratch space;
 //! TIFF, pictures and DICOM decode requested planes. [`SynthSource`] generates volumes. [`Strided`] is every n-th voxel of
-//! another source, [`Described`] a source under another description; `cropped`, `picked`, `mirrored` and `converted` make the
-//! part, order and type of [`OpenOptions`]. `read_mesh` reads triangle meshes shown with a
+//! another source, [`Described`] a source under another description; several arrays join as channels (`channels`), and one
+//! component is taken of several (`component`); `cropped`, `picked`, `mirrored` and `converted` make the part, order and
+//! type of [`OpenOptions`]. `read_mesh` reads triangle meshes shown with a
 //! volume.
 
 #![cfg_attr(
@@ -33,7 +34,9 @@ mod adapter_tests;
 mod axes;
 mod body;
 mod bov;
+mod channels;
 mod choice;
+mod component;
 mod conversion;
 mod converted;
 mod cropped;
@@ -80,8 +83,10 @@ mod pattern;
 mod picked;
 #[cfg(feature = "pictures")]
 mod pictures;
+mod pipe;
 mod placement;
 mod raw;
+mod raw_text;
 mod series;
 mod sidecar;
 mod source;
@@ -125,7 +130,8 @@ pub use format::has_known_name;
 pub use mesh::read_mesh;
 pub use note::Note;
 pub use open::{check_folder, open, order_steps};
-pub use options::{FileOrder, Gaps, HeldAs, NoData, OpenOptions};
+pub use options::{ArrayPlace, ChannelArray, FileOrder, Gaps, HeldAs, NoData, OpenOptions};
+pub use pipe::stream_among;
 pub use raw::{RawLayout, RawSource};
 pub use source::{Access, Lent, Source, SourceInfo};
 pub use step_time::{StepTime, TimeSpan};

@@ -1,5 +1,7 @@
 //! Entry point for inputs: picks the reader by flags, name and first bytes, joins files, and applies the user's overrides.
 
+use crate::channels::{Channels, NamedArray};
+use crate::component::Component;
 use crate::converted::Converted;
 use crate::cropped::Cropped;
 use crate::described::Described;
@@ -17,16 +19,19 @@ use crate::options::{FileOrder, Gaps, NoData, OpenOptions};
 use crate::part::Part;
 use crate::pattern;
 use crate::picked::Picked;
+use crate::pipe;
 use crate::raw::{RawLayout, RawSource};
 use crate::series::{Series, StepFile};
 use crate::source::{Source, SourceInfo};
 use crate::time::override_time;
-use crate::variable::split_variable;
-use crate::{bov, dicom, envi, foreign, hdf5, meta_image, mrc, nifti, npy, npz, nrrd, pictures, tiff_stack, vtk};
+use crate::variable::{check_inputs, split_variable};
+use crate::{
+    bov, dicom, envi, foreign, hdf5, meta_image, mrc, nifti, npy, npz, nrrd, pictures, raw_text, tiff_stack, vtk,
+};
 use std::path::{Path, PathBuf};
 
 /// Readable formats and their names, for the message about an unknown one.
-const READ: &str = "raw (.raw, .bin, .dat, or any file with `shape` and `voxel_type`), NumPy .npy and .npz, \
+const READ: &str = "raw (.raw, .bin, .dat, or any file with `shape` and `voxel_type`, or with its .json), NumPy .npy and .npz, \
                     NIfTI (.nii, .nii.gz, .hdr with .img), ANALYZE 7.5, NRRD (.nrrd, .nhdr), MetaImage (.mha, .mhd), \
                     MRC and CCP4 (.mrc, .map), VTK images (.vti, .vtk, .pvd), ENVI (.hdr), BOV (.bov), \
                     HDF5 (.h5, .hdf5, .nc of NetCDF-4, .ims), \
@@ -43,16 +48,41 @@ const AS_NAMED: &str = ", or pass `order` given to take the files as they are na
 /// # Errors
 /// If the input cannot be read. The message names the file, the reason and the helpful option of [`OpenOptions`], in backticks.
 pub fn open(inputs: &[PathBuf], options: &OpenOptions) -> Result<Box<dyn Source>, ImportError> {
-    let (inputs, mut options) = split_variable(inputs, options)?;
     let held_as = options.held_as;
-    if options.to_voxel_type.is_some() {
-        // The steps before are held as converted.
-        options.held_as = None;
+    // Parts are taken of the whole volume, which is held as it is if it will be converted.
+    let whole = OpenOptions { held_as: held_as.filter(|_| options.to_voxel_type.is_none()), ..options.clone() };
+    let source = match options.channel_arrays.is_empty() {
+        true => open_volume(inputs, &whole)?,
+        false => open_channels(inputs, &whole)?,
+    };
+    let path = inputs.first().map_or(Path::new("input"), PathBuf::as_path);
+    let source = match &options.component {
+        None => source,
+        Some(component) => Box::new(Component::new(source, component, path, &whole)?),
+    };
+    take(source, options, path)
+}
+
+/// Opens several arrays as the channels of one volume.
+fn open_channels(inputs: &[PathBuf], options: &OpenOptions) -> Result<Box<dyn Source>> {
+    let arrays = &options.channel_arrays;
+    check_inputs(inputs, arrays)?;
+    let mut parts = Vec::with_capacity(arrays.len());
+    for array in arrays {
+        let (inputs, alone) = array.opening(inputs, options);
+        let path = inputs.first().cloned().unwrap_or_default();
+        parts.push(NamedArray { name: array.name.clone(), path, source: open_volume(&inputs, &alone)? });
     }
-    let (inputs, options) = (&inputs, &options);
+    Ok(Box::new(Channels::new(parts)?))
+}
+
+/// Opens one array: of one file, or of several as steps or planes.
+fn open_volume(inputs: &[PathBuf], options: &OpenOptions) -> Result<Box<dyn Source>> {
+    let (inputs, options) = &split_variable(inputs, options)?;
     // `unordered`: nobody has put the files in order.
     let (paths, folder, unordered) = match &inputs[..] {
         [] => return Err(ImportError::options(Path::new("input"), "none given")),
+        [stream] if pipe::is_pipe(stream) => return open_pipe(stream, options),
         [folder] if folder.is_dir() => (files_of(folder, options, READ)?, true, true),
         [one] => pattern::expand(one)?.map_or_else(|| (vec![one.clone()], false, false), |files| (files, false, true)),
         files => (files.to_vec(), false, false),
@@ -109,13 +139,30 @@ pub fn open(inputs: &[PathBuf], options: &OpenOptions) -> Result<Box<dyn Source>
         (_, [path]) => open_one(path, format, options)?,
         _ => open_steps(&paths, format, options)?,
     };
+    overridden(source, order_note, &paths[0], options)
+}
+
+/// Opens a stream of raw voxels.
+fn open_pipe(stream: &Path, options: &OpenOptions) -> Result<Box<dyn Source>> {
+    check_used(Format::Raw, stream, options)?;
+    let problem = "a stream does not describe its voxels; pass `shape` X,Y,Z and `voxel_type`";
+    let layout = RawLayout::of(options).ok_or_else(|| ImportError::options(stream, problem))?;
+    overridden(Box::new(pipe::open(stream, &layout, options)?), None, stream, options)
+}
+
+/// A source under the user's description, where there is one.
+fn overridden(
+    source: Box<dyn Source>,
+    order_note: Option<String>,
+    path: &Path,
+    options: &OpenOptions,
+) -> Result<Box<dyn Source>> {
     let mut info = source.info().clone();
     info.notes.extend(order_note.map(Note::new));
-    options.override_geometry(&mut info, &paths[0])?;
-    override_nodata(&mut info, &paths[0], options.nodata)?;
-    override_time(&mut info, &paths[0], options)?;
-    let told = OpenOptions { held_as, ..options.clone() };
-    take(Box::new(Described { info, source, first: 0 }), &told, &paths[0])
+    options.override_geometry(&mut info, path)?;
+    override_nodata(&mut info, path, options.nodata)?;
+    override_time(&mut info, path, options)?;
+    Ok(Box::new(Described { info, source, first: 0 }))
 }
 
 /// Takes the part, order and type of voxels that the options name.
@@ -172,6 +219,7 @@ pub fn order_steps(paths: &[PathBuf], options: &OpenOptions) -> Result<(Vec<Path
 fn open_one(path: &Path, format: Format, options: &OpenOptions) -> Result<Box<dyn Source>> {
     Ok(match format {
         Format::Raw => Box::new(open_raw(path, options)?),
+        Format::RawText => Box::new(raw_text::open(path)?),
         Format::Npy => Box::new(npy::open(path, options)?),
         Format::Npz => Box::new(npz::open(path, options)?),
         Format::Mrc => Box::new(mrc::open(path, options)?),
@@ -209,20 +257,11 @@ fn open_step(path: &Path, format: Format, options: &OpenOptions) -> Result<Box<d
 }
 
 fn open_raw(path: &Path, options: &OpenOptions) -> Result<RawSource> {
-    let bytes = std::fs::metadata(path).map_err(ImportError::io(path))?.len();
-    let (Some(extent), Some(voxel_type)) = (options.shape, options.voxel_type) else {
+    let Some(layout) = RawLayout::of(options) else {
+        let bytes = std::fs::metadata(path).map_err(ImportError::io(path))?.len();
         let problem =
             format!("a raw file of {bytes} bytes does not describe its voxels; pass `shape` X,Y,Z and `voxel_type`");
         return Err(ImportError::options(path, problem));
-    };
-    let layout = RawLayout {
-        extent,
-        voxel_type,
-        endian: options.endian,
-        offset: options.offset,
-        channels: options.channels.unwrap_or(1),
-        times: options.times.unwrap_or(1),
-        axes: options.axes.clone().unwrap_or_default(),
     };
     RawSource::open(path, &layout)
 }
@@ -266,6 +305,9 @@ fn format_of(path: &Path, options: &OpenOptions) -> Result<Format> {
         Some(format) => return Ok(format),
     }
     foreign::refuse(path, &name)?;
+    if matches!(by_name, None | Some(Format::Raw)) && raw_text::beside(path).is_some() {
+        return Ok(Format::RawText);
+    }
     by_name.ok_or_else(|| ImportError::invalid(path, format!("not a supported format; supported are: {READ}")))
 }
 
@@ -286,6 +328,7 @@ fn format_of_contents(path: &Path, name: &str, start: &[u8]) -> Result<Option<Fo
         () if hdf5::is_hdf5(path)? => Format::Hdf5,
         () if tiff_stack::is_companion(path)? => Format::Tiff,
         () if bov::is_bov(path)? => Format::Bov,
+        () if raw_text::is_text(name, start) => Format::RawText,
         () => {
             return PictureKind::of_start(start)
                 .map_or_else(|| vtk::format_of(path), |kind| Ok(Some(Format::Picture(kind))));
@@ -301,7 +344,9 @@ fn check_kind(path: &Path) -> Result<()> {
         kind if kind.is_dir() => {
             "a folder among other inputs: name its files, or pack one folder and append the others"
         }
-        _ => "a pipe or a device, without random access; write it to a file first",
+        _ => {
+            "a pipe or a device, without random access; name it as the only input, with `shape` and `voxel_type`, or write it to a file first"
+        }
     };
     Err(ImportError::invalid(path, problem))
 }
@@ -316,7 +361,9 @@ fn check_used(format: Format, path: &Path, options: &OpenOptions) -> Result<()> 
     let said = [
         ("voxel_type", options.voxel_type.is_some(), is_raw, raw),
         ("endian", options.endian != Endian::default(), is_raw, raw),
-        ("offset", options.offset != 0, is_raw, raw),
+        ("offset", options.offset.is_some(), is_raw, raw),
+        ("step_bytes", options.step_bytes.is_some(), is_raw, raw),
+        ("channel_bytes", options.channel_bytes.is_some(), is_raw, raw),
         ("channels", options.channels.is_some(), counts_axes, of_axes),
         ("times", options.times.is_some(), counts_axes, of_axes),
         ("axes", options.axes.is_some(), has_axes, "raw files, .npy, .npz, HDF5, TIFF and pictures"),
@@ -435,7 +482,9 @@ mod tests {
         let useless = [
             ("voxel_type", OpenOptions { voxel_type: Some(VoxelType::F32), ..plain.clone() }),
             ("endian", OpenOptions { endian: Endian::Big, ..plain.clone() }),
-            ("offset", OpenOptions { offset: 1, ..plain.clone() }),
+            ("offset", OpenOptions { offset: Some(0), ..plain.clone() }),
+            ("step_bytes", OpenOptions { step_bytes: Some(9), ..plain.clone() }),
+            ("channel_bytes", OpenOptions { channel_bytes: Some(9), ..plain.clone() }),
             ("channels", OpenOptions { channels: Some(2), ..plain.clone() }),
             ("times", OpenOptions { times: Some(2), ..plain.clone() }),
             ("gaps", OpenOptions { gaps: Gaps::Blank, ..plain.clone() }),

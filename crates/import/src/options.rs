@@ -49,6 +49,24 @@ pub enum NoData {
     Value(f64),
 }
 
+/// An array that becomes channels beside others.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ChannelArray {
+    /// The channel's name; of an array with several channels, the start of their names.
+    pub name: String,
+    /// Where it is read.
+    pub place: ArrayPlace,
+}
+
+/// The place of an array.
+#[derive(Clone, Debug, PartialEq)]
+pub enum ArrayPlace {
+    /// In the input, under this name, as [`OpenOptions::variable`].
+    Input(String),
+    /// In a file of its own, also as `file.h5::/path`.
+    File(PathBuf),
+}
+
 /// The caller's settings for an input. All are optional, except `shape` and `voxel_type` for raw files.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct OpenOptions {
@@ -58,8 +76,12 @@ pub struct OpenOptions {
     pub voxel_type: Option<VoxelType>,
     /// Byte order of a raw file.
     pub endian: Endian,
-    /// Bytes before the first voxel of a raw file.
-    pub offset: u64,
+    /// Bytes before the first voxel of a raw file, 0 by default. If given, bytes after its last voxel are ignored, with a note.
+    pub offset: Option<u64>,
+    /// Bytes from a time step to the next in a raw file whose steps lie apart.
+    pub step_bytes: Option<u64>,
+    /// Bytes from a channel to the next in a raw file whose channels lie apart.
+    pub channel_bytes: Option<u64>,
     /// Number of channels in a raw file (1 by default), or in a TIFF file with given `axes`.
     pub channels: Option<u32>,
     /// Number of time steps in a raw file (1 by default), or in a TIFF file with given `axes`.
@@ -68,6 +90,10 @@ pub struct OpenOptions {
     pub axes: Option<AxisOrder>,
     /// Name of the array to read, of a file with several.
     pub variable: Option<String>,
+    /// Arrays to read as the channels of one volume, in place of one `variable`.
+    pub channel_arrays: Vec<ChannelArray>,
+    /// The only channel to read, by name or number, or one made of all: `magnitude`, or `phase` of complex numbers.
+    pub component: Option<String>,
     /// Whether the input is one of several time steps. `order` is then the order of these, and also of the files in a folder if natural; a file
     /// standing for its whole set is an error.
     pub is_step: bool,

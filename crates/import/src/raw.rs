@@ -5,15 +5,23 @@
 //! only if the file is still unchanged afterwards. Cost of a box: its own bytes, once; nothing where they are lent in place.
 //! Announced boxes are passed to the kernel plane by plane, since plain faulting reads a cold file several times slower.
 
+mod misfit;
+mod spread;
+#[cfg(test)]
+mod tests;
+
 use crate::axes::{Axis, AxisOrder, Sizes};
 use crate::element::{Decode, Element, Endian};
 use crate::error::{ImportError, Result};
 use crate::losses::Losses;
 use crate::mapped::MappedFile;
+use crate::note::Note;
 use crate::options::OpenOptions;
 use crate::source::{Lent, Source, SourceInfo, Take};
 use crate::step_time::StepTime;
 use brickyard_volume::{Extent, VoxelBox, VoxelType};
+use misfit::Misfit;
+use spread::Spread;
 use std::path::Path;
 
 /// Bytes checked for losses at a time: whole numbers of every type.
@@ -30,6 +38,12 @@ pub struct RawLayout {
     pub endian: Endian,
     /// Bytes before the first voxel of the file.
     pub offset: u64,
+    /// Whether bytes after the last voxel are ignored, with a note, instead of an error.
+    pub may_trail: bool,
+    /// Bytes from a time step to the next, where they lie apart.
+    pub step_bytes: Option<u64>,
+    /// Bytes from a channel to the next, where they lie apart.
+    pub channel_bytes: Option<u64>,
     /// Number of channels.
     pub channels: u32,
     /// Number of time steps.
@@ -42,7 +56,55 @@ impl RawLayout {
     /// Describes a single little-endian volume, x fastest, from the start of the file.
     pub fn new(extent: Extent, voxel_type: VoxelType) -> Self {
         let (endian, axes) = (Endian::Little, AxisOrder::default());
-        Self { extent, voxel_type, endian, offset: 0, channels: 1, times: 1, axes }
+        let (may_trail, step_bytes, channel_bytes) = (false, None, None);
+        Self {
+            extent,
+            voxel_type,
+            endian,
+            offset: 0,
+            may_trail,
+            step_bytes,
+            channel_bytes,
+            channels: 1,
+            times: 1,
+            axes,
+        }
+    }
+
+    /// The layout that options describe; `None` without shape or type.
+    pub(crate) fn of(options: &OpenOptions) -> Option<Self> {
+        Some(Self {
+            endian: options.endian,
+            offset: options.offset.unwrap_or(0),
+            may_trail: options.offset.is_some(),
+            step_bytes: options.step_bytes,
+            channel_bytes: options.channel_bytes,
+            channels: options.channels.unwrap_or(1),
+            times: options.times.unwrap_or(1),
+            axes: options.axes.clone().unwrap_or_default(),
+            ..Self::new(options.shape?, options.voxel_type?)
+        })
+    }
+
+    fn array(&self) -> ArrayLayout {
+        ArrayLayout {
+            sizes: Sizes { extent: self.extent, channels: self.channels, times: self.times },
+            axes: self.axes.clone(),
+            decode: Decode { element: Element::Voxel(self.voxel_type), endian: self.endian, scale: None },
+            offset: self.offset,
+        }
+    }
+
+    /// The bytes up to the last voxel's end, checked.
+    ///
+    /// # Errors
+    /// If the layout contradicts itself. `path` is for the message.
+    pub(crate) fn end_bytes(&self, path: &Path) -> Result<u64> {
+        let array = self.array();
+        check_letters(path, &array)?;
+        let spread = Spread::of(self, &array).map_err(|problem| ImportError::options(path, problem))?;
+        let end = spread.bytes.checked_add(self.offset).filter(|end| *end <= i64::MAX as u64);
+        end.ok_or_else(|| ImportError::options(path, format!("`offset` {}: no file is so long", self.offset)))
     }
 }
 
@@ -51,6 +113,8 @@ pub struct RawSource {
     info: SourceInfo,
     file: MappedFile,
     array: ArrayLayout,
+    /// Distances of steps and channels; `None` if they lie one after another.
+    spread: Option<Spread>,
     step_time: StepTime,
 }
 
@@ -96,21 +160,31 @@ impl RawSource {
     /// If the file is missing or unreadable, or differs in size from the layout: the message then lists the shapes that would
     /// fit.
     pub fn open(path: &Path, layout: &RawLayout) -> Result<Self, ImportError> {
-        let array = ArrayLayout {
-            sizes: Sizes { extent: layout.extent, channels: layout.channels, times: layout.times },
-            axes: layout.axes.clone(),
-            decode: Decode { element: Element::Voxel(layout.voxel_type), endian: layout.endian, scale: None },
-            offset: layout.offset,
-        };
-        let body = array.body_bytes().map_err(|problem| ImportError::options(path, problem))?;
-        check_letters(path, &array)?;
+        let end = layout.end_bytes(path)?;
         let file = MappedFile::open(path)?;
-        let found = file.len() as u64;
-        if found.checked_sub(layout.offset) != Some(body) {
-            return Err(ImportError::invalid(path, misfit(layout, body, found)));
+        let (found, array) = (file.len() as u64, layout.array());
+        let spread = Spread::of(layout, &array).map_err(|problem| ImportError::options(path, problem))?;
+        let trailing = found.checked_sub(end).filter(|&n| n == 0 || layout.may_trail || n == spread.gap_bytes);
+        let Some(trailing) = trailing else {
+            return Err(ImportError::invalid(path, Misfit { layout, end, found }.message()));
+        };
+        let mut info = SourceInfo { identity: identity(&format!("raw {layout:?}"), &[path])?, ..array.info() };
+        info.notes.extend(trailing_note(trailing, end, spread.gap_bytes));
+        Ok(Self { info, file, array, spread: Some(spread), step_time: StepTime::default() })
+    }
+
+    /// Creates a source of a headerless stream, held in a scratch file up to its last voxel.
+    ///
+    /// # Errors
+    /// If the scratch file is shorter.
+    pub(crate) fn of_stream(file: MappedFile, layout: &RawLayout, identity: String) -> Result<Self> {
+        let (end, array) = (layout.end_bytes(&file.path)?, layout.array());
+        if (file.len() as u64) < end {
+            return Err(ImportError::invalid(&file.path, Misfit { layout, end, found: file.len() as u64 }.message()));
         }
-        let info = SourceInfo { identity: identity(&format!("raw {layout:?}"), &[path])?, ..array.info() };
-        Self::new(file, array, info)
+        let spread = Spread::of(layout, &array).map_err(|problem| ImportError::options(&file.path, problem))?;
+        let info = SourceInfo { identity, ..array.info() };
+        Ok(Self { info, file, array, spread: Some(spread), step_time: StepTime::default() })
     }
 
     /// Creates a source of an array in a mapped file.
@@ -124,7 +198,16 @@ impl RawSource {
             let problem = format!("shrank to {} bytes while it was opened", file.len());
             return Err(ImportError::invalid(&file.path, problem));
         }
-        Ok(Self { info, file, array, step_time: StepTime::default() })
+        Ok(Self { info, file, array, spread: None, step_time: StepTime::default() })
+    }
+
+    /// Bytes between neighbours along an axis.
+    fn stride(&self, axis: Axis) -> u64 {
+        match (&self.spread, axis) {
+            (Some(spread), Axis::T) => spread.step_bytes,
+            (Some(spread), Axis::C) => spread.channel_bytes,
+            _ => self.array.stride(axis),
+        }
     }
 
     /// Sets the times stored with the array.
@@ -165,11 +248,11 @@ impl RawSource {
     /// A box's start in the file, and its copy loops.
     fn copy_of(&self, time: u32, channel: u32, region: VoxelBox) -> (usize, BoxCopy) {
         let array = &self.array;
-        let strides = [Axis::X, Axis::Y, Axis::Z].map(|a| array.stride(a));
+        let strides = [Axis::X, Axis::Y, Axis::Z].map(|a| self.stride(a));
         let lo = region.min.to_array();
         let start = array.offset
-            + time as u64 * array.stride(Axis::T)
-            + channel as u64 * array.stride(Axis::C)
+            + time as u64 * self.stride(Axis::T)
+            + channel as u64 * self.stride(Axis::C)
             + (0..3).map(|a| lo[a] as u64 * strides[a]).sum::<u64>();
         (start as usize, BoxCopy::new(array.decode, region.extent(), strides))
     }
@@ -196,7 +279,7 @@ impl Source for RawSource {
     }
 
     fn lend(&self, time: u32, channel: u32, region: VoxelBox, take: Take<'_>) -> Result<bool, ImportError> {
-        let [x, row_bytes, slice_bytes] = [Axis::X, Axis::Y, Axis::Z].map(|a| self.array.stride(a) as usize);
+        let [x, row_bytes, slice_bytes] = [Axis::X, Axis::Y, Axis::Z].map(|a| self.stride(a) as usize);
         if !self.array.decode.is_copy() || x != self.info.voxel_type.bytes() {
             return Ok(false);
         }
@@ -277,68 +360,6 @@ fn check_letters(path: &Path, array: &ArrayLayout) -> Result<()> {
     Ok(())
 }
 
-/// Describes a mismatch of a file's size and its layout, and the shapes that would fit.
-fn misfit(layout: &RawLayout, body: u64, found: u64) -> String {
-    let RawLayout { extent, voxel_type, offset, channels, times, .. } = *layout;
-    let expected = body as u128 + offset as u128;
-    let surplus = (found as u128).saturating_sub(expected);
-    let difference = match surplus {
-        0 => format!("{} too few", expected - found as u128),
-        _ => format!("{surplus} too many"),
-    };
-    let mut what = format!("{extent} {voxel_type}");
-    for (n, name) in [(channels, "channels"), (times, "time steps")] {
-        if n > 1 {
-            what += &format!(" with {n} {name}");
-        }
-    }
-    if offset > 0 {
-        what += &format!(" after {offset} bytes");
-    }
-    let mut message = format!("expected {expected} bytes for {what}, found {found} ({difference})");
-    let fits = fitting_shapes(layout, found);
-    if !fits.is_empty() {
-        message += &format!("; would fit: {}", fits.join("; "));
-    }
-    if surplus > 0 {
-        let header = surplus + offset as u128;
-        message += &format!("; if the file starts with a header of {header} bytes, pass `offset` {header}");
-    }
-    message
-}
-
-/// Shapes and types near the given ones that a file of `found` bytes would hold exactly.
-fn fitting_shapes(layout: &RawLayout, found: u64) -> Vec<String> {
-    let Some(body) = found.checked_sub(layout.offset).filter(|&n| n > 0) else { return Vec::new() };
-    let Extent { x, y, z } = layout.extent;
-    let sets = layout.channels as u64 * layout.times as u64;
-    let mut fits = Vec::new();
-    let voxels = layout.extent.volume() as u128 * sets as u128;
-    let types: Vec<&str> = VoxelType::ALL
-        .into_iter()
-        .filter(|t| *t != layout.voxel_type && voxels * t.bytes() as u128 == body as u128)
-        .map(VoxelType::name)
-        .collect();
-    if !types.is_empty() {
-        fits.push(format!("{} {}", layout.extent, types.join(" or ")));
-    }
-    let plane = x as u128 * y as u128 * sets as u128 * layout.voxel_type.bytes() as u128;
-    if (body as u128).is_multiple_of(plane) && body as u128 / plane <= u32::MAX as u128 {
-        fits.push(format!("{x},{y},{} {}", body as u128 / plane, layout.voxel_type));
-    }
-    let volume = plane * z as u128;
-    if (body as u128).is_multiple_of(volume) && body as u128 > volume && layout.channels == 1 {
-        fits.push(format!("{} {} with {} time steps", layout.extent, layout.voxel_type, body as u128 / volume));
-    }
-    for (bytes, names) in [(1, "u8"), (2, "u16 or i16"), (4, "f32, u32 or i32")] {
-        let edge = ((body / bytes) as f64).cbrt().round() as u64;
-        if edge > 0 && edge.checked_pow(3).and_then(|n| n.checked_mul(bytes)) == Some(body) {
-            fits.push(format!("{edge},{edge},{edge} {names}"));
-        }
-    }
-    fits
-}
-
 /// Returns an identity of input files: `prefix` for the way they are read, then each file's absolute path, size and modification
 /// time.
 pub(crate) fn identity(prefix: &str, paths: &[impl AsRef<Path>]) -> Result<String> {
@@ -354,134 +375,12 @@ pub(crate) fn identity(prefix: &str, paths: &[impl AsRef<Path>]) -> Result<Strin
     Ok(identity)
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::testing::{Field, assert_boxes, temp_file};
-
-    fn layout(field: Field, axes: &str, endian: Endian) -> RawLayout {
-        let [x, y, z, channels, times] = field.sizes;
-        RawLayout {
-            endian,
-            channels,
-            times,
-            axes: axes.parse().unwrap(),
-            ..RawLayout::new(Extent::new(x, y, z), field.voxel_type)
-        }
-    }
-
-    #[test]
-    fn every_type_and_byte_order_gives_the_bytes_written() {
-        for voxel_type in VoxelType::ALL {
-            for endian in [Endian::Little, Endian::Big] {
-                let field = Field { sizes: [13, 7, 5, 1, 1], voxel_type };
-                let (_folder, path) = temp_file("a b.raw", &field.bytes("zyx", endian == Endian::Big));
-                let source = RawSource::open(&path, &layout(field, "zyx", endian)).unwrap();
-                assert_boxes(&source, field);
-                let is_lent = source.lend(0, 0, source.info().extent.full_box(), &mut |_| ()).unwrap();
-                assert_eq!(is_lent, endian == Endian::Little || voxel_type.bytes() == 1);
-            }
-        }
-    }
-
-    #[test]
-    fn any_order_of_axes_is_unravelled() {
-        let field = Field { sizes: [7, 5, 6, 2, 3], voxel_type: VoxelType::U16 };
-        for axes in ["tczyx", "xyzct", "ctzyx", "tzcyx", "zyxct", "ytxcz"] {
-            let (_folder, path) = temp_file("a.raw", &field.bytes(axes, false));
-            assert_boxes(&RawSource::open(&path, &layout(field, axes, Endian::Little)).unwrap(), field);
-        }
-    }
-
-    #[test]
-    fn offset_skips_a_header() {
-        let field = Field { sizes: [4, 3, 2, 1, 1], voxel_type: VoxelType::I32 };
-        let (_folder, path) = temp_file("a.raw", &[vec![9; 17], field.bytes("zyx", false)].concat());
-        let layout = RawLayout { offset: 17, ..layout(field, "zyx", Endian::Little) };
-        assert_boxes(&RawSource::open(&path, &layout).unwrap(), field);
-    }
-
-    fn refusal(bytes: usize, layout: &RawLayout) -> String {
-        let (_folder, path) = temp_file("a.raw", &vec![0; bytes]);
-        RawSource::open(&path, layout).err().unwrap().to_string()
-    }
-
-    #[test]
-    fn a_size_that_does_not_fit_says_what_would() {
-        let layout = |x, y, z, t| RawLayout::new(Extent::new(x, y, z), t);
-        let message = refusal(16 * 16 * 16, &layout(16, 16, 8, VoxelType::U8));
-        for part in
-            ["expected 2048 bytes", "found 4096", "2048 too many", "16,16,16 u8", "16,16,8 u16 or i16", "2 time steps"]
-        {
-            assert!(message.contains(part), "{part}: {message}");
-        }
-        let message = refusal(1000, &layout(16, 16, 8, VoxelType::U8));
-        assert!(message.contains("1048 too few") && message.contains("10,10,10 u8"), "{message}");
-        assert!(!message.contains("`offset`"), "{message}");
-        let message = refusal(2048 + 352, &layout(16, 16, 8, VoxelType::U8));
-        assert!(message.contains("352 too many") && message.contains("`offset` 352"), "{message}");
-        assert!(refusal(0, &layout(16, 16, 8, VoxelType::U8)).contains("2048 too few"));
-        let offset = RawLayout { offset: 100, ..layout(4, 4, 4, VoxelType::U8) };
-        assert!(refusal(64, &offset).contains("expected 164 bytes"));
-    }
-
-    #[test]
-    fn impossible_shapes_are_refused() {
-        assert!(refusal(8, &RawLayout::new(Extent::new(4, 0, 2), VoxelType::U8)).contains("axis of size 0"));
-        let huge = Extent::new(u32::MAX, u32::MAX, u32::MAX);
-        assert!(refusal(8, &RawLayout::new(huge, VoxelType::U8)).contains("2^63"));
-        let two = RawLayout { channels: 2, ..RawLayout::new(Extent::new(2, 2, 1), VoxelType::U8) };
-        assert!(refusal(8, &RawLayout { axes: "zyx".parse().unwrap(), ..two }).contains("no 'c'"));
-        let missing =
-            RawSource::open(Path::new("/nowhere/at all.raw"), &RawLayout::new(Extent::new(1, 1, 1), VoxelType::U8));
-        assert!(matches!(missing, Err(ImportError::Io { .. })));
-    }
-
-    #[test]
-    fn identity_follows_file_and_layout() {
-        let (_folder, path) = temp_file("a.raw", &[1; 8]);
-        let of =
-            |extent| RawSource::open(&path, &RawLayout::new(extent, VoxelType::U8)).unwrap().info().identity.clone();
-        let before = of(Extent::new(2, 2, 2));
-        assert_eq!(before, of(Extent::new(2, 2, 2)));
-        assert_ne!(before, of(Extent::new(8, 1, 1)));
-        let file = std::fs::OpenOptions::new().write(true).open(&path).unwrap();
-        file.set_modified(std::time::UNIX_EPOCH + std::time::Duration::from_secs(1)).unwrap();
-        assert_ne!(before, of(Extent::new(2, 2, 2)));
-    }
-
-    /// Checks that all reads of a source now fail, lent and copied.
-    fn all_is_refused(source: &RawSource, what: &str) {
-        let full = source.info().extent.full_box();
-        let mut out = vec![0; full.extent().volume() as usize * source.info().voxel_type.bytes()];
-        let message = source.read_box(0, 0, full, &mut out).unwrap_err().to_string();
-        assert!(message.contains("changed while it was read") && message.contains(what), "{message}");
-        let mut sum = 0;
-        let lent = source.lend(0, 0, full, &mut |lent| sum = lent.bytes.iter().map(|&b| u64::from(b)).sum());
-        assert!(lent.is_err(), "{what}: {sum}");
-    }
-
-    #[test]
-    fn a_file_that_changes_while_it_is_mapped_is_an_error_and_not_zeros() {
-        let bytes = vec![7; 64 * 64 * 16];
-        let layout = RawLayout::new(Extent::new(64, 64, 16), VoxelType::U8);
-        let write = |path: &Path| std::fs::OpenOptions::new().write(true).open(path).unwrap();
-        // Cut short by whole pages, which faults, and within the last page, which does not.
-        for left in [0, 100, bytes.len() as u64 - 1] {
-            let (_folder, path) = temp_file("a.raw", &bytes);
-            let source = RawSource::open(&path, &layout).unwrap();
-            write(&path).set_len(left).unwrap();
-            all_is_refused(&source, &format!("found {left}"));
-        }
-        let (_folder, path) = temp_file("a.raw", &bytes);
-        let source = RawSource::open(&path, &layout).unwrap();
-        write(&path).set_modified(std::time::UNIX_EPOCH).unwrap();
-        all_is_refused(&source, "written to or replaced");
-        let (folder, path) = temp_file("a.raw", &bytes);
-        let source = RawSource::open(&path, &layout).unwrap();
-        let other = folder.path().join("b.raw");
-        std::fs::write(&other, &bytes[1..]).unwrap();
-        std::fs::rename(other, &path).unwrap();
-        all_is_refused(&source, "found 65535");
+/// A note about the bytes after the last voxel. Those between steps or channels may end the file, too.
+fn trailing_note(trailing: u64, end: u64, gap: u64) -> Option<Note> {
+    let text = format!("{trailing} bytes after the voxels are ignored; more voxels there have `offset` {end}.");
+    match trailing {
+        0 => None,
+        n if n <= gap => Some(Note::new(format!("{n} bytes after the last voxels are ignored."))),
+        _ => Some(Note::warning(text)),
     }
 }

@@ -65,7 +65,7 @@ impl Description {
             shape: self.shape.iter().all(|count| *count > 0).then(|| Extent::from_array(self.shape)),
             voxel_type: self.voxel_type,
             endian: if self.big_endian { Endian::Big } else { Endian::Little },
-            offset: self.offset,
+            offset: (self.offset > 0).then_some(self.offset),
             axes,
             times: count(self.times),
             channels: count(self.channels),

@@ -1,0 +1,262 @@
+//! Several sources as the channels of one: variables of a file, or files, each under its name, on one grid at the same times. Boxes pass through as
+//! they are; costs nothing besides the sources, all of which stay open.
+
+#[cfg(test)]
+mod tests;
+
+use crate::error::{ImportError, Result};
+use crate::note::Note;
+use crate::source::{Access, Source, SourceInfo, Take};
+use brickyard_volume::{ChannelLook, Extent, Geometry, VoxelBox, counted};
+use std::collections::HashSet;
+use std::path::PathBuf;
+
+/// Most channels joined: each has a name in memory.
+const MOST_CHANNELS: u32 = 1 << 16;
+
+/// Largest distance between two places of a voxel that count as one, in voxels.
+const SAME_PLACE_VOXELS: f64 = 1e-3;
+
+/// A source to be joined, and its name.
+pub(crate) struct NamedArray {
+    pub(crate) name: String,
+    /// Its file, for messages.
+    pub(crate) path: PathBuf,
+    pub(crate) source: Box<dyn Source>,
+}
+
+/// Sources as the channels of one, in their order. A source of several channels keeps them side by side.
+pub(crate) struct Channels {
+    info: SourceInfo,
+    parts: Vec<Placed>,
+}
+
+/// A source, and its first channel among all.
+struct Placed {
+    first: u32,
+    source: Box<dyn Source>,
+}
+
+impl Channels {
+    /// Joins sources.
+    ///
+    /// # Errors
+    /// If there are none, two have one name, or they differ in extent, voxel type, times, place or value for no data.
+    pub(crate) fn new(parts: Vec<NamedArray>) -> Result<Self> {
+        let info = described(&parts)?;
+        let mut first = 0;
+        let placed = parts.into_iter().map(|NamedArray { source, .. }| {
+            let channels = source.info().channels;
+            let placed = Placed { first, source };
+            first += channels;
+            placed
+        });
+        Ok(Self { info, parts: placed.collect() })
+    }
+
+    /// The source of a channel, and the channel's number there.
+    fn part(&self, channel: u32) -> (&dyn Source, u32) {
+        let after = self.parts.partition_point(|part| part.first <= channel);
+        let part = &self.parts[after - 1];
+        (&*part.source, channel - part.first)
+    }
+
+    /// The sum of an amount over the sources.
+    fn sum(&self, of: impl Fn(&dyn Source) -> u64) -> u64 {
+        self.parts.iter().fold(0, |sum, part| sum.saturating_add(of(&*part.source)))
+    }
+}
+
+impl Source for Channels {
+    fn info(&self) -> &SourceInfo {
+        &self.info
+    }
+
+    /// Whole planes if one source decodes them.
+    fn access(&self) -> Access {
+        let has_planes = self.parts.iter().any(|part| part.source.access() == Access::Planes);
+        if has_planes { Access::Planes } else { Access::Box }
+    }
+
+    fn reader_bytes(&self) -> u64 {
+        self.parts.iter().map(|part| part.source.reader_bytes()).max().unwrap_or(0)
+    }
+
+    fn held_bytes(&self) -> u64 {
+        self.sum(|source| source.held_bytes())
+    }
+
+    fn scratch_bytes(&self) -> u64 {
+        self.sum(|source| source.scratch_bytes())
+    }
+
+    fn read_box(&self, time: u32, channel: u32, region: VoxelBox, out: &mut [u8]) -> Result<(), ImportError> {
+        self.info.check_box(time, channel, region, out);
+        let (source, own) = self.part(channel);
+        source.read_box(time, own, region, out)
+    }
+
+    fn lend(&self, time: u32, channel: u32, region: VoxelBox, take: Take<'_>) -> Result<bool, ImportError> {
+        let (source, own) = self.part(channel);
+        source.lend(time, own, region, take)
+    }
+
+    fn announce(&self, time: u32, channel: u32, region: VoxelBox) {
+        let (source, own) = self.part(channel);
+        source.announce(time, own, region);
+    }
+
+    fn constant_in(&self, time: u32, channel: u32, region: VoxelBox) -> Option<f64> {
+        let (source, own) = self.part(channel);
+        source.constant_in(time, own, region)
+    }
+}
+
+/// The description of all: that of the first source, with the place and times of the first which says them.
+fn described(parts: &[NamedArray]) -> Result<SourceInfo> {
+    let Some(first) = parts.first() else {
+        return Err(ImportError::options(std::path::Path::new("input"), "none given"));
+    };
+    let mut names = HashSet::new();
+    if let Some(twice) = parts.iter().find(|part| !names.insert(&part.name)) {
+        let problem = format!("the channel '{}' is named twice: give each another name", twice.name);
+        return Err(ImportError::options(&twice.path, problem));
+    }
+    let mut info = first.source.info().clone();
+    (info.channels, info.channel_looks, info.notes, info.identity) = (0, Vec::new(), Vec::new(), "channels".into());
+    let placed = parts.iter().find(|part| has_place(part.source.info()));
+    let timed = parts.iter().find(|part| part.source.info().time.is_some());
+    for part in parts {
+        let own = part.source.info();
+        check_alike(part, first)?;
+        if let Some(placed) = placed.filter(|_| has_place(own)) {
+            check_place(part, placed)?;
+        } else if let Some(placed) = placed {
+            let (name, other) = (&part.name, &placed.name);
+            info.notes
+                .push(Note::new(format!("{name} has no voxel size or place of its own: it takes those of {other}.")));
+        }
+        if let Some(timed) = timed.filter(|timed| own.time.is_some() && own.time != timed.source.info().time) {
+            let problem = format!(
+                "its steps have other times than those of {}: pack each by itself, or give all with `time_step` or `time_stamps`",
+                shown(timed)
+            );
+            return Err(ImportError::options(&part.path, problem));
+        }
+        info.channels = info.channels.saturating_add(own.channels);
+        if info.channels > MOST_CHANNELS {
+            let problem = format!("{MOST_CHANNELS} channels are the most in one volume: leave some out");
+            return Err(ImportError::options(&part.path, problem));
+        }
+        info.channel_looks.extend(looks_of(part));
+        info.identity += &format!("\n{:?} {}", part.name, own.identity);
+        let named = |note: Note| note.about(&format!("{}: ", part.name));
+        info.notes.extend(own.notes.iter().cloned().map(named));
+    }
+    if let Some(placed) = placed.map(|part| part.source.info()) {
+        info.geometry = placed.geometry.clone();
+        (info.calibrated, info.says_origin, info.orientation) =
+            (placed.calibrated, placed.says_origin, placed.orientation);
+    }
+    info.time = timed.and_then(|part| part.source.info().time.clone());
+    Ok(info)
+}
+
+/// Looks of a source's channels: its name, with theirs if there are several.
+fn looks_of(part: &NamedArray) -> Vec<ChannelLook> {
+    let own = part.source.info();
+    let look = |channel: u32| {
+        let look = own.channel_looks.get(channel as usize).cloned().unwrap_or_default();
+        let name = match (own.channels, &look.name) {
+            (1, _) => part.name.clone(),
+            (_, Some(name)) => format!("{}.{name}", part.name),
+            (_, None) => format!("{}.{channel}", part.name),
+        };
+        ChannelLook { name: Some(name), ..look }
+    };
+    (0..own.channels.min(MOST_CHANNELS)).map(look).collect()
+}
+
+/// Name and file of a source, for messages.
+fn shown(part: &NamedArray) -> String {
+    format!("{} ({})", part.name, part.path.display())
+}
+
+/// Whether a source says where its voxels are.
+fn has_place(info: &SourceInfo) -> bool {
+    info.calibrated || info.says_origin || info.orientation.is_some() || info.geometry != Geometry::default()
+}
+
+/// Checks the properties shared by all channels of a volume.
+fn check_alike(part: &NamedArray, first: &NamedArray) -> Result<()> {
+    let (own, other) = (part.source.info(), first.source.info());
+    let differs = |what: &str, own: String, other: String, way_on: &str| {
+        let (name, first) = (&part.name, shown(first));
+        Err(ImportError::options(
+            &part.path,
+            format!("{what} of {name} is {own}, but that of {first} is {other}: {way_on}"),
+        ))
+    };
+    if own.extent != other.extent {
+        let way_on = "channels share one grid: resample one of them, or pack each by itself";
+        return differs("the extent", own.extent.to_string(), other.extent.to_string(), way_on);
+    }
+    if own.voxel_type != other.voxel_type {
+        let way_on = "write both as one type (NumPy: array.astype), or pack each by itself";
+        return differs("the voxel type", own.voxel_type.to_string(), other.voxel_type.to_string(), way_on);
+    }
+    if own.times != other.times {
+        let [own, other] = [own, other].map(|info| counted(info.times.into(), "time step"));
+        return differs("the length", own, other, "pack the steps that both have");
+    }
+    if (own.nodata, own.knows_nodata) != (other.nodata, other.knows_nodata) {
+        let value = |info: &SourceInfo| match (info.nodata, info.knows_nodata) {
+            (Some(value), _) => value.to_string(),
+            (None, true) => "marked voxel by voxel".into(),
+            (None, false) => "none".into(),
+        };
+        return differs("the value for no data", value(own), value(other), "give one for all with `nodata`, or none");
+    }
+    Ok(())
+}
+
+/// Checks that every voxel of two sources has one place.
+fn check_place(part: &NamedArray, placed: &NamedArray) -> Result<()> {
+    let (own, other) = (part.source.info(), placed.source.info());
+    let differs = |what: &str, [own, other]: [String; 2], option: &str| {
+        let (name, placed) = (&part.name, shown(placed));
+        let problem = format!(
+            "{what} of {name} is {own}, but that of {placed} is {other}: give one for all with `{option}`, or pack each by itself"
+        );
+        Err(ImportError::options(&part.path, problem))
+    };
+    let (own_place, other_place) = (&own.geometry, &other.geometry);
+    if stray_voxels(own_place, other_place, own.extent) > SAME_PLACE_VOXELS {
+        return differs("the spacing", [own_place, other_place].map(|at| at.spacing.to_string()), "spacing");
+    }
+    let shift = ((own_place.origin - other_place.origin) / other_place.spacing).abs().max_element();
+    if shift.is_nan() || shift > SAME_PLACE_VOXELS {
+        return differs("the first voxel's place", [own_place, other_place].map(|at| at.origin.to_string()), "origin");
+    }
+    if own_place.unit != other_place.unit {
+        let unit = |at: &Geometry| at.unit.clone().unwrap_or_else(|| "not said".into());
+        return differs("the unit", [own_place, other_place].map(unit), "unit");
+    }
+    let lies_there = match (&own.orientation, &other.orientation) {
+        (Some(own), Some(other_map)) => own.agrees(other_map, other.extent),
+        (own, other) => own == other,
+    };
+    if !lies_there {
+        let problem =
+            format!("lies differently in the patient than {}: register them, or pack each by itself", shown(placed));
+        return Err(ImportError::invalid(&part.path, problem));
+    }
+    Ok(())
+}
+
+/// How far apart two spacings take the last voxel of an extent, in voxels.
+fn stray_voxels(own: &Geometry, other: &Geometry, extent: Extent) -> f64 {
+    let counts = glam::DVec3::from_array(extent.to_array().map(f64::from));
+    let stray = ((own.spacing - other.spacing) / other.spacing * counts).abs().max_element();
+    if stray.is_nan() { f64::INFINITY } else { stray }
+}

@@ -1,0 +1,110 @@
+//! Texts beside raw files of known bytes.
+
+use crate::open::open;
+use crate::options::{NoData, OpenOptions};
+use crate::source::Source;
+use crate::testing::{Field, assert_boxes, temp_file};
+use brickyard_volume::{Extent, VoxelType};
+use proptest::prelude::*;
+use std::path::Path;
+
+const FIELD: Field = Field { sizes: [4, 3, 2, 2, 3], voxel_type: VoxelType::I16 };
+const TEXT: &str = r#"{"file": "a.raw", "shape": [4, 3, 2], "dtype": "i16", "endian": "big", "offset": 5, "axes": "tczyx",
+    "times": 3, "channels": 2, "channel_names": ["p", "T"], "spacing": [0.5, 1, 2], "origin": [1, -2, 3], "unit": "um",
+    "time_step": 0.25, "time_unit": "s", "nodata": -1}"#;
+
+/// Writes a raw file and a text of this name beside it.
+fn written(name: &str, text: &str) -> tempfile::TempDir {
+    let (folder, _) = temp_file("a.raw", &[vec![9; 5], FIELD.bytes("tczyx", true)].concat());
+    std::fs::write(folder.path().join(name), text).unwrap();
+    folder
+}
+
+fn opened(path: &Path) -> Result<Box<dyn Source>, String> {
+    open(&[path.to_owned()], &OpenOptions::default()).map_err(|error| error.to_string())
+}
+
+#[test]
+fn a_text_describes_the_file_beside_it() {
+    for (text, input) in [("a.json", "a.json"), ("b.JSON", "b.JSON"), ("a.json", "a.raw"), ("a.raw.json", "a.raw")] {
+        let folder = written(text, TEXT);
+        let source = opened(&folder.path().join(input)).unwrap();
+        assert_boxes(&*source, FIELD);
+        let info = source.info();
+        let names: Vec<_> = info.channel_looks.iter().map(|look| look.name.as_deref().unwrap()).collect();
+        assert_eq!((names, info.nodata, info.calibrated), (vec!["p", "T"], Some(-1.0), true));
+        assert_eq!(
+            (info.geometry.spacing.to_array(), info.geometry.origin.to_array()),
+            ([0.5, 1.0, 2.0], [1.0, -2.0, 3.0])
+        );
+        assert_eq!(info.geometry.unit.as_deref(), Some("micrometer"));
+        let time = info.time.clone().unwrap();
+        assert_eq!((time.step, time.unit.as_deref()), (0.25, Some("second")));
+        assert!(info.notes.iter().any(|note| note.contains("describes the voxels of a.raw")));
+    }
+    // The raw file's name is the text's own.
+    let folder = written("a.raw.json", &TEXT.replace(r#""file": "a.raw", "#, ""));
+    assert_boxes(&*opened(&folder.path().join("a.raw.json")).unwrap(), FIELD);
+}
+
+#[test]
+fn the_caller_s_options_come_first() {
+    let folder = written("a.json", TEXT);
+    let path = folder.path().join("a.raw");
+    let told = OpenOptions { nodata: NoData::None, unit: Some("meter".into()), ..OpenOptions::default() };
+    let source = open(std::slice::from_ref(&path), &told).unwrap();
+    assert_eq!((source.info().nodata, source.info().geometry.unit.as_deref()), (None, Some("meter")));
+    let shape =
+        OpenOptions { shape: Some(Extent::new(293, 1, 1)), voxel_type: Some(VoxelType::U8), ..OpenOptions::default() };
+    assert_eq!(open(&[path], &shape).unwrap().info().channels, 1);
+}
+
+#[test]
+fn texts_that_say_too_little_or_too_much_are_refused() {
+    let refusal = |text: &str| {
+        let folder = written("a.json", text);
+        opened(&folder.path().join("a.json")).err().unwrap()
+    };
+    let with = |from: &str, to: &str| refusal(&TEXT.replace(from, to));
+    assert!(with(r#""unit""#, r#""units""#).contains("unknown field `units`"));
+    assert!(with(r#""times": 3"#, r#""times": 3, "times": 3"#).contains("duplicate field"));
+    assert!(with("[4, 3, 2]", "[4, 3]").contains("a.json: is no description"));
+    assert!(with("i16", "i128").contains("dtype 'i128'"));
+    assert!(with("big", "middle").contains("endian 'middle'"));
+    assert!(with("tczyx", "tczy").contains("axes 'tczy'"));
+    assert!(with(r#""T"]"#, r#""T", "u"]"#).contains("3 names for 2 channels"));
+    assert!(with("0.5, 1, 2", "0.5, 0, 2").contains("`spacing`"));
+    assert!(with(r#""shape": [4, 3, 2],"#, "").contains("no `shape`"));
+    assert!(with("a.raw", "c.raw").contains("c.raw is missing"));
+    assert!(with(r#""file": "a.raw","#, "").contains("has no `file`"));
+    assert!(with(r#""times": 3"#, r#""times": 4"#).contains("expected 389 bytes"));
+    assert!(refusal("{").contains("is no description"));
+    let folder = written("a.json", &TEXT.replace("a.raw", "c.raw"));
+    assert!(opened(&folder.path().join("a.raw")).err().unwrap().contains("describes"));
+    let folder = written("a.json", TEXT);
+    let told = OpenOptions { voxel_type: Some(VoxelType::U8), ..OpenOptions::default() };
+    let message = open(&[folder.path().join("a.json")], &told).err().unwrap().to_string();
+    assert!(message.contains("`voxel_type` is for raw files"), "{message}");
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 300, failure_persistence: None, ..ProptestConfig::default() })]
+
+    /// Damage leads to an error or other voxels, never to a panic.
+    #[test]
+    fn damaged_texts_do_not_panic(damage in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..5)) {
+        let mut text = TEXT.as_bytes().to_vec();
+        for (place, value) in damage {
+            let at = place.index(text.len());
+            text[at] = value;
+        }
+        let (folder, _) = temp_file("a.raw", &[vec![9; 5], FIELD.bytes("tczyx", true)].concat());
+        let path = folder.path().join("a.json");
+        std::fs::write(&path, text).unwrap();
+        if let Ok(source) = opened(&path) {
+            let full = source.info().extent.full_box();
+            let mut out = vec![0; full.extent().volume() as usize * source.info().voxel_type.bytes()];
+            source.read_box(0, 0, full, &mut out).unwrap();
+        }
+    }
+}
