@@ -66,7 +66,7 @@ fn assert_rounded(found: [u8; 3], display: f64, tie: f64, what: &str) {
 const AXES: [usize; 3] = [2, 1, 0];
 
 fn geometry() -> Geometry {
-    Geometry { spacing: DVec3::splat(0.7), origin: DVec3::new(3.1, -5.0, 11.7), unit: None }
+    Geometry { spacing: DVec3::splat(0.7), origin: DVec3::new(3.1, -5.0, 11.7), ..Geometry::default() }
 }
 
 impl Sliced<'_> {

@@ -126,6 +126,7 @@ fn dvr_and_surfaces_of_anisotropic_u16_equal_the_oracle_from_everywhere() {
         spacing: DVec3::new(0.5, 0.8, 2.1),
         origin: DVec3::new(-7.0, 3.0, 11.0),
         unit: Some("millimeter".into()),
+        ..Geometry::default()
     };
     check_volume(Extent::new(70, 45, 21), geometry, |v| u16::from_f64_rounded(500.0 + v * 4095.0), (500.0, 4595.0));
 }

@@ -58,8 +58,11 @@ fn float_codes() -> SlotEncoding {
 /// Three volumes: 8 bits at its store's place; 16 bits turned, sheared and stretched; and floats with holes, which adds light.
 fn members() -> [Member; 3] {
     let u16_codes = SlotEncoding::new(VoxelType::U16, (0.0, 65535.0), false);
-    let geometry =
-        |spacing: [f64; 3], origin: [f64; 3]| Geometry { spacing: spacing.into(), origin: origin.into(), unit: None };
+    let geometry = |spacing: [f64; 3], origin: [f64; 3]| Geometry {
+        spacing: spacing.into(),
+        origin: origin.into(),
+        ..Geometry::default()
+    };
     let plain = Volume::new([37, 41, 33], 16, Geometry::default(), u8_codes(), |p| 255.0 * waves(p));
     let askew = geometry([0.5, 0.8, 1.0], [-3.0, 2.0, 1.0]);
     let askew = Volume::new([50, 30, 27], 12, askew, u16_codes, |p| 65535.0 * waves(p * 1.3));
@@ -83,7 +86,8 @@ fn members() -> [Member; 3] {
 
 /// Channels of one image, two of them in shared slots; the second is empty below x = 20.
 fn channels() -> [Member; 3] {
-    let geometry = Geometry { spacing: DVec3::new(1.0, 0.9, 1.1), origin: DVec3::new(1.0, -2.0, 0.0), unit: None };
+    let geometry =
+        Geometry { spacing: DVec3::new(1.0, 0.9, 1.1), origin: DVec3::new(1.0, -2.0, 0.0), ..Geometry::default() };
     let right = |p: DVec3| if p.x < 20.0 { 0.0 } else { 255.0 * waves(DVec3::new(p.y, p.z, p.x) * 1.1) };
     let of = |encoding, f: &dyn Fn(DVec3) -> f64| Volume::new([37, 41, 33], 16, geometry.clone(), encoding, f);
     [

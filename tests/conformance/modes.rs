@@ -132,7 +132,8 @@ fn orthographic_rays_along_an_axis_have_zero_components() {
 
 #[test]
 fn anisotropic_odd_volumes_match_the_oracle() {
-    let geometry = Geometry { spacing: DVec3::new(0.5, 0.7, 2.1), origin: DVec3::new(-3.0, 100.0, 7.0), unit: None };
+    let geometry =
+        Geometry { spacing: DVec3::new(0.5, 0.7, 2.1), origin: DVec3::new(-3.0, 100.0, 7.0), ..Geometry::default() };
     for depth in [13, 1] {
         let extent = [51, 37, depth];
         let volume = Volume::new(extent, 8, geometry.clone(), u8_codes(), scaled(u8_codes(), waves));

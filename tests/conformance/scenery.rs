@@ -30,7 +30,7 @@ pub(crate) fn wild(encoding: SlotEncoding) -> impl Fn(DVec3) -> f64 {
 
 /// Unequal spacings, away from the origin.
 pub(crate) fn uneven() -> Geometry {
-    Geometry { spacing: DVec3::new(1.0, 0.8, 1.3), origin: DVec3::new(5.0, -20.0, 3.0), unit: None }
+    Geometry { spacing: DVec3::new(1.0, 0.8, 1.3), origin: DVec3::new(5.0, -20.0, 3.0), ..Geometry::default() }
 }
 
 /// A smooth field without symmetry, between 0 and 1 in voxel space.

@@ -34,6 +34,8 @@ struct Info<'a> {
     spacing: [f64; 3],
     origin: [f64; 3],
     unit: Option<&'a str>,
+    /// Units of x, y and z where these are not one unit of length; an unknown one is empty.
+    axis_units: Option<&'a [String; 3]>,
     calibrated: bool,
     levels: Vec<LevelInfo>,
     /// Bytes of the files of stored aprons, those of the main pyramid.
@@ -89,6 +91,7 @@ fn describe<'a>(path: &'a std::path::Path, store: &'a Store) -> Result<Info<'a>,
         spacing: geometry.spacing.to_array(),
         origin: geometry.origin.to_array(),
         unit: geometry.unit.as_deref(),
+        axis_units: geometry.axis_units.as_ref(),
         calibrated: store.info().calibrated,
         levels: store.pyramid().levels().iter().map(level).collect(),
         apron_bytes: store.apron_file_bytes()?,
@@ -98,7 +101,8 @@ fn describe<'a>(path: &'a std::path::Path, store: &'a Store) -> Result<Info<'a>,
 }
 
 fn text(info: &Info<'_>, store: &Store) -> String {
-    let unit = info.unit.unwrap_or(if info.calibrated { "no unit given" } else { "uncalibrated" });
+    let unit = store.geometry().units_in_words();
+    let unit = unit.unwrap_or_else(|| if info.calibrated { "no unit given" } else { "uncalibrated" }.into());
     let named = info.store.name.as_ref().map_or(String::new(), |name| format!(" '{name}'"));
     let mut lines = vec![
         format!("{}: {} volume{named}, axes {}", info.path.display(), info.voxel_type, info.axes),
@@ -118,8 +122,9 @@ fn text(info: &Info<'_>, store: &Store) -> String {
         }
         let (look, window) = (look(&store.channel_displays()[c]), store.default_window(c as u32));
         let values = statistics(channel.range, channel.mean, window, store.voxel_type());
+        let unit = channel.unit.as_ref().map_or_else(String::new, |unit| format!(" in {unit}"));
         let not_finite = channel.nan + channel.pos_inf + channel.neg_inf;
-        lines.push(format!("  channel {c}{look}: {values}, {not_finite} not finite"));
+        lines.push(format!("  channel {c}{look}{unit}: {values}, {not_finite} not finite"));
     }
     lines.extend(no_data(store));
     for (l, level) in info.levels.iter().enumerate() {

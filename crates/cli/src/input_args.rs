@@ -64,9 +64,13 @@ pub(crate) struct InputArguments {
     /// World position of the first voxel's centre [default: the file's, or 0,0,0]
     #[arg(help_heading = heading::INPUT, long, value_name = "X,Y,Z", value_parser = values::vec3, allow_hyphen_values = true)]
     origin: Option<DVec3>,
-    /// World unit: nm, um, mm, cm, m, or a UDUNITS name [default: the file's]
-    #[arg(help_heading = heading::INPUT, long)]
+    /// World unit: nm, um, mm, cm, m, or a UDUNITS name; or those of x, y and z, as degree,degree,hPa: lengths are
+    /// converted to the first one's [default: the file's]
+    #[arg(help_heading = heading::INPUT, long, value_name = "UNIT[,UNIT,UNIT]")]
     unit: Option<String>,
+    /// Unit of the values of all channels, such as HU [default: the file's]
+    #[arg(help_heading = heading::INPUT, long, value_name = "UNIT")]
+    value_unit: Option<String>,
     /// Time from one step to the next, for evenly spaced steps [default: the file's]
     #[arg(help_heading = heading::INPUT, long, value_name = "TIME", value_parser = values::positive, allow_negative_numbers = true, conflicts_with = "time_stamps")]
     time_step: Option<f64>,
@@ -136,7 +140,8 @@ impl InputArguments {
             gaps: self.gaps,
             spacing: self.spacing,
             origin: self.origin,
-            unit: self.unit.as_deref().map(unit_name),
+            unit: self.unit,
+            value_unit: self.value_unit,
             time_step: self.time_step,
             time_unit: self.time_unit,
             time_stamps: self.time_stamps,
@@ -168,17 +173,4 @@ fn arrays_of(variable: &[String], inputs: &mut Vec<PathBuf>) -> Result<(Option<S
         [one] if !one.contains(',') => Ok((Some(one.clone()), Vec::new())),
         texts => Ok((None, ChannelArray::of_input(texts)?)),
     }
-}
-
-/// Returns the UDUNITS name of a unit's symbol; other names pass unchanged.
-fn unit_name(symbol: &str) -> String {
-    match symbol {
-        "nm" => "nanometer",
-        "um" | "µm" => "micrometer",
-        "mm" => "millimeter",
-        "cm" => "centimeter",
-        "m" => "meter",
-        other => other,
-    }
-    .to_string()
 }

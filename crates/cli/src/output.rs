@@ -8,6 +8,7 @@ use brickyard::text_file::write_text;
 use brickyard::volume::counted;
 use brickyard::volume::numbers::significant;
 use brickyard::volume::transfer::shown_window;
+use brickyard::volume::units::with_unit;
 use serde::Serialize;
 use std::ffi::OsStr;
 use std::path::Path;
@@ -122,6 +123,8 @@ pub(crate) fn note_window(store: Option<&Arc<Store>>, channel: u32) {
     } else if low >= high {
         let (from, to) = shown_window((low, high));
         let [low, from, to] = [low, from, to].map(|value| significant(value, 7));
+        let unit = store.channel_displays()[channel as usize].unit.as_deref();
+        let (low, to) = (with_unit(&low, unit), with_unit(&to, unit));
         say!("note: {path}: every value of channel {channel} is {low}: its window is set from {from} to {to}");
     }
 }

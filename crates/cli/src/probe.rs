@@ -10,8 +10,9 @@ use brickyard::probe::{Probe, probe, probe_voxel};
 use brickyard::session::VolumeSource;
 use brickyard::store::Store;
 use brickyard::volume::numbers::{exact, significant};
+use brickyard::volume::units::{name_in_unit, with_unit};
 use brickyard::volume::{VoxelType, counted};
-use brickyard_measure::curve_plot;
+use brickyard_measure::curve_plot::{self, Line};
 use clap::Args;
 use glam::DVec3;
 use serde::Serialize;
@@ -51,14 +52,47 @@ pub(crate) struct ProbeArguments {
 struct Found<'a> {
     voxel: [u32; 3],
     world: [f64; 3],
+    #[serde(flatten)]
+    units: Units<'a>,
+    channels: Vec<Value<'a>>,
+}
+
+/// The units of places.
+#[derive(Clone, Copy, Serialize)]
+struct Units<'a> {
     /// Unit of `world`.
     unit: Option<&'a str>,
-    channels: Vec<Value<'a>>,
+    /// Units of x, y and z of `world` where these are not one unit of length; an unknown one is empty.
+    axis_units: Option<&'a [String; 3]>,
+}
+
+impl<'a> Units<'a> {
+    fn of(store: &'a Store) -> Self {
+        let geometry = store.geometry();
+        match store.info().orientation {
+            Some(_) => Self { unit: Some("millimeter"), axis_units: None },
+            None => Self { unit: geometry.unit.as_deref(), axis_units: geometry.axis_units.as_ref() },
+        }
+    }
+
+    /// A place with its units.
+    fn place(&self, world: DVec3) -> String {
+        let [x, y, z] = world.to_array().map(short);
+        match self.axis_units {
+            Some([of_x, of_y, of_z]) => {
+                let [x, y, z] = [(x, of_x), (y, of_y), (z, of_z)].map(|(at, unit)| format!("{at} {unit}"));
+                [x.trim_end(), y.trim_end(), z.trim_end()].join(", ")
+            }
+            None => format!("{x},{y},{z} {}", self.unit.unwrap_or("(no unit)")),
+        }
+    }
 }
 
 #[derive(Serialize)]
 struct Value<'a> {
     name: Option<&'a str>,
+    /// Unit of `value`.
+    unit: Option<&'a str>,
     /// `null` where there is no value.
     value: Option<f64>,
 }
@@ -68,8 +102,8 @@ struct Value<'a> {
 struct FoundCurve<'a> {
     voxel: [u32; 3],
     world: [f64; 3],
-    /// Unit of `world`.
-    unit: Option<&'a str>,
+    #[serde(flatten)]
+    units: Units<'a>,
     steps: &'a [u32],
     /// The time of each step; `null` if times are unknown.
     times: Option<Vec<f64>>,
@@ -81,6 +115,8 @@ struct FoundCurve<'a> {
 #[derive(Serialize)]
 struct Values<'a> {
     name: Option<&'a str>,
+    /// Unit of `values`.
+    unit: Option<&'a str>,
     /// One for each step; `null` where there is no value.
     values: Vec<Option<f64>>,
 }
@@ -91,13 +127,10 @@ struct Values<'a> {
 /// With the message and exit code for the user.
 pub(crate) fn run(arguments: &ProbeArguments) -> Result<(), Failure> {
     let store = Arc::new(store_errors::open(&arguments.store)?);
-    let unit = match store.info().orientation {
-        Some(_) => Some("millimeter"),
-        None => store.geometry().unit.as_deref(),
-    };
+    let units = Units::of(&store);
     let steps = arguments.time.steps(store.times())?;
     if let (StepRange::One(step), None, false) = (&arguments.time, &arguments.plot, arguments.csv) {
-        return print_probe(arguments, &store, look(arguments, &store, *step)?, unit);
+        return print_probe(arguments, &store, look(arguments, &store, *step)?, units);
     }
     if let Some(path) = &arguments.plot {
         may_write_file(path, arguments.overwrite)?;
@@ -105,54 +138,58 @@ pub(crate) fn run(arguments: &ProbeArguments) -> Result<(), Failure> {
     let voxel = look(arguments, &store, steps[0])?.voxel;
     let curve = curve(&VolumeSource::of_store(&store), &steps, voxel).map_err(Failure::bad_input)?;
     if let Some(path) = &arguments.plot {
-        curve_plot::write(path, &curve, store.time_axis(), &channel_names(&store)).map_err(Failure::failed)?;
+        let lines = lines(&store);
+        curve_plot::write(path, &curve, store.time_axis(), &lines).map_err(Failure::failed)?;
         say!("{}: {} of voxel {}", path.display(), counted(steps.len() as u64, "step"), triple(voxel));
     }
     if arguments.json {
-        print_json(&describe(&curve, &store, unit))
+        print_json(&describe(&curve, &store, units))
     } else if arguments.csv {
         print_line(&csv(&curve, &store))
     } else if arguments.plot.is_none() {
-        print_curve(&curve, &store, unit)
+        print_curve(&curve, &store, units)
     } else {
         Ok(())
     }
 }
 
-fn print_probe(arguments: &ProbeArguments, store: &Store, found: Probe, unit: Option<&str>) -> Result<(), Failure> {
-    let names = store.channel_displays().iter().map(|display| display.name.as_deref());
+fn print_probe(arguments: &ProbeArguments, store: &Store, found: Probe, units: Units<'_>) -> Result<(), Failure> {
+    let names = store.channel_displays().iter().map(|display| (display.name.as_deref(), display.unit.as_deref()));
     if arguments.json {
-        let value = |(name, value): (_, &f64)| Value { name, value: value.is_finite().then_some(*value) };
+        let value = |((name, unit), value): (_, &f64)| Value { name, unit, value: value.is_finite().then_some(*value) };
         let channels = names.zip(&found.values).map(value).collect();
-        return print_json(&Found { voxel: found.voxel, world: found.world.to_array(), unit, channels });
+        return print_json(&Found { voxel: found.voxel, world: found.world.to_array(), units, channels });
     }
-    print_line(&place(found.voxel, found.world, unit))?;
-    for (channel, (name, value)) in names.zip(&found.values).enumerate() {
+    print_line(&place(found.voxel, found.world, units))?;
+    for (channel, ((name, unit), value)) in names.zip(&found.values).enumerate() {
         let name = name.map_or_else(String::new, |name| format!(" '{name}'"));
-        print_line(&format!("  channel {channel}{name}: {}", in_words(*value, store)))?;
+        print_line(&format!("  channel {channel}{name}: {}", in_words(*value, unit, store)))?;
     }
     Ok(())
 }
 
-fn print_curve(curve: &Curve, store: &Store, unit: Option<&str>) -> Result<(), Failure> {
-    print_line(&place(curve.voxel, curve.world, unit))?;
+fn print_curve(curve: &Curve, store: &Store, units: Units<'_>) -> Result<(), Failure> {
+    print_line(&place(curve.voxel, curve.world, units))?;
     for (i, step) in curve.steps.iter().enumerate() {
         let time = store.time_axis().map_or_else(String::new, |axis| format!(" ({})", axis.in_words(axis.at(*step))));
-        let values: Vec<String> = curve.values.iter().map(|values| in_words(values[i], store)).collect();
+        let values = curve.values.iter().zip(store.channel_displays());
+        let values = values.map(|(values, display)| in_words(values[i], display.unit.as_deref(), store));
+        let values: Vec<String> = values.collect();
         print_line(&format!("  step {step}{time}: {}", values.join(", ")))?;
     }
     Ok(())
 }
 
-fn describe<'a>(curve: &'a Curve, store: &'a Store, unit: Option<&'a str>) -> FoundCurve<'a> {
+fn describe<'a>(curve: &'a Curve, store: &'a Store, units: Units<'a>) -> FoundCurve<'a> {
     let axis = store.time_axis();
     let value = |value: &f64| value.is_finite().then_some(*value);
-    let names = store.channel_displays().iter().map(|display| display.name.as_deref());
-    let of_channel = |(name, values): (_, &Vec<f64>)| Values { name, values: values.iter().map(value).collect() };
+    let names = store.channel_displays().iter().map(|display| (display.name.as_deref(), display.unit.as_deref()));
+    let of_channel =
+        |((name, unit), values): (_, &Vec<f64>)| Values { name, unit, values: values.iter().map(value).collect() };
     FoundCurve {
         voxel: curve.voxel,
         world: curve.world.to_array(),
-        unit,
+        units,
         steps: &curve.steps,
         times: axis.map(|axis| curve.steps.iter().map(|step| axis.at(*step)).collect()),
         time_unit: axis.and_then(|axis| axis.unit.as_deref()),
@@ -163,7 +200,8 @@ fn describe<'a>(curve: &'a Curve, store: &'a Store, unit: Option<&'a str>) -> Fo
 /// Formats a row for each step: its number, its time, empty if unknown, and each channel's value, empty if there is
 /// none.
 fn csv(curve: &Curve, store: &Store) -> String {
-    let head = ["step".into(), "time".into()].into_iter().chain(channel_names(store)).map(|name| quoted(&name));
+    let names = lines(store).into_iter().map(|line| name_in_unit(&line.name, line.unit.as_deref()));
+    let head = ["step".into(), "time".into()].into_iter().chain(names).map(|name| quoted(&name));
     let row = |(i, step): (usize, &u32)| {
         let time = store.time_axis().map_or_else(String::new, |axis| axis.at(*step).to_string());
         let value = |values: &Vec<f64>| if values[i].is_nan() { String::new() } else { values[i].to_string() };
@@ -177,20 +215,23 @@ fn quoted(text: &str) -> String {
     if text.contains([',', '"', '\n', '\r']) { format!("\"{}\"", text.replace('"', "\"\"")) } else { text.to_owned() }
 }
 
-fn channel_names(store: &Store) -> Vec<String> {
-    let name = |(channel, display): (usize, &brickyard::store::ChannelDisplay)| {
-        display.name.clone().unwrap_or_else(|| format!("channel {channel}"))
+fn lines(store: &Store) -> Vec<Line> {
+    let line = |(channel, display): (usize, &brickyard::store::ChannelDisplay)| Line {
+        name: display.name.clone().unwrap_or_else(|| format!("channel {channel}")),
+        unit: display.unit.clone(),
     };
-    store.channel_displays().iter().enumerate().map(name).collect()
+    store.channel_displays().iter().enumerate().map(line).collect()
 }
 
-fn in_words(value: f64, store: &Store) -> String {
-    if value.is_nan() { "no data".into() } else { exact(value, store.voxel_type() == VoxelType::F32) }
+fn in_words(value: f64, unit: Option<&str>, store: &Store) -> String {
+    if value.is_nan() {
+        return "no data".into();
+    }
+    with_unit(&exact(value, store.voxel_type() == VoxelType::F32), unit)
 }
 
-fn place(voxel: [u32; 3], world: DVec3, unit: Option<&str>) -> String {
-    let [x, y, z] = world.to_array().map(short);
-    format!("voxel {}, centre at {x},{y},{z} {}", triple(voxel), unit.unwrap_or("(no unit)"))
+fn place(voxel: [u32; 3], world: DVec3, units: Units<'_>) -> String {
+    format!("voxel {}, centre at {}", triple(voxel), units.place(world))
 }
 
 fn triple([i, j, k]: [u32; 3]) -> String {

@@ -5,6 +5,7 @@ use brickyard::doubtful_extremes::DoubtfulExtremes;
 use brickyard::session::{ResolvedLayer, ResolvedScene, VolumeSource};
 use brickyard::unlike_sizes::unlike_sizes;
 use brickyard::volume::numbers::{significant, within_span};
+use brickyard::volume::units::with_unit;
 use brickyard::volume::{Extreme, Mode, Picture, Scene, Slice, TransferChoice, box_corners};
 
 /// Returns the remarks on a scene before it is drawn.
@@ -112,6 +113,7 @@ fn values(channel: u32, volume: &VolumeSource) -> (f64, f64) {
 fn reach(channel: u32, volume: &VolumeSource) -> String {
     let (low, high) = values(channel, volume);
     let [from, to] = [low, high].map(|value| within_span(value, high - low));
+    let to = with_unit(&to, volume.value_unit(channel));
     format!("{} are from {from} to {to}", volume.name().as_deref().unwrap_or("the volume"))
 }
 

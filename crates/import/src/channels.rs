@@ -238,8 +238,8 @@ fn check_place(part: &NamedArray, placed: &NamedArray) -> Result<()> {
     if shift.is_nan() || shift > SAME_PLACE_VOXELS {
         return differs("the first voxel's place", [own_place, other_place].map(|at| at.origin.to_string()), "origin");
     }
-    if own_place.unit != other_place.unit {
-        let unit = |at: &Geometry| at.unit.clone().unwrap_or_else(|| "not said".into());
+    if own_place.units_in_words() != other_place.units_in_words() {
+        let unit = |at: &Geometry| at.units_in_words().unwrap_or_else(|| "not said".into());
         return differs("the unit", [own_place, other_place].map(unit), "unit");
     }
     let lies_there = match (&own.orientation, &other.orientation) {

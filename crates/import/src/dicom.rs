@@ -19,6 +19,7 @@ mod pixels;
 mod stack;
 #[cfg(test)]
 mod tests;
+mod unit;
 #[cfg(test)]
 mod unknown_tests;
 
@@ -40,6 +41,7 @@ use header::Header;
 use pixels::Meaning;
 use stack::{Names, Slice, kinds};
 use std::path::{Path, PathBuf};
+use unit::value_unit;
 
 /// Largest frame decoded in search of the smallest voxel type: there is no memory budget yet.
 const MOST_LOOKED_AT_BYTES: u64 = 256 << 20;
@@ -242,8 +244,23 @@ impl DicomSeries {
         notes.extend(note_on_padding(&files, &slices, options.nodata));
         placement::set_matrix(placement.matrix, &mut info, &mut notes);
         info.notes = notes;
+        set_unit(&files, &slices, &mut info);
         files.iter_mut().for_each(|(header, _)| header.forget_values());
         Ok(Self { info, files, slices, places, blank })
+    }
+}
+
+/// Takes the unit of values where all slices have one.
+fn set_unit(files: &[(Header, Frames)], slices: &[Slice], info: &mut SourceInfo) {
+    let mut units = slices.iter().map(|slice| value_unit(&files[slice.file].0, slice.frame));
+    let first = units.next().flatten();
+    if let Some(other) = units.find(|unit| *unit != first) {
+        let [first, other] = [first, other].map(|unit| unit.unwrap_or_else(|| "no unit".into()));
+        info.notes.push(Note::warning(format!(
+            "Slices have values in different units ({first}, {other}): none is kept; `value_unit` gives one."
+        )));
+    } else if let Some(unit) = first {
+        info.set_value_unit(&unit, "RescaleType or Units");
     }
 }
 
@@ -256,6 +273,7 @@ fn look_of(header: &Header) -> ChannelLook {
         name,
         color: None,
         window: window.map(|(center, width)| [center - width / 2.0, center + width / 2.0]),
+        unit: None,
     }
 }
 

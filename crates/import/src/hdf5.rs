@@ -101,6 +101,9 @@ fn open_entry(
         let look = |name: &String| ChannelLook { name: Some(name.clone()), ..ChannelLook::default() };
         info.channel_looks = stored.members.iter().map(look).collect();
     }
+    if let Some(unit) = &values.unit {
+        info.set_value_unit(unit, "units");
+    }
     if let Some((value, name)) = values.nodata {
         info.set_nodata(value, name);
     }

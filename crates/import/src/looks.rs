@@ -14,5 +14,5 @@ pub(crate) fn named(names: &[&str]) -> Vec<ChannelLook> {
 pub(crate) fn colors(voxel_type: VoxelType) -> Vec<ChannelLook> {
     let window = (!voxel_type.is_float()).then(|| voxel_type.limits().into());
     let parts = [("red", [255, 0, 0]), ("green", [0, 255, 0]), ("blue", [0, 0, 255])];
-    parts.map(|(name, color)| ChannelLook { name: Some(name.into()), color: Some(color), window }).to_vec()
+    parts.map(|(name, color)| ChannelLook { name: Some(name.into()), color: Some(color), window, unit: None }).to_vec()
 }

@@ -39,7 +39,10 @@ pub(crate) fn open(path: &Path, options: &OpenOptions) -> Result<RawSource> {
     for name in header.unknown() {
         notes.push(Note::warning(format!("The header's field '{name}' is none of NRRD's: it is left out.")));
     }
-    info.notes = notes;
+    info.notes.append(&mut notes);
+    if let Some(unit) = header.get("sampleunits").map(|unit| unit.trim_matches('"')).filter(|unit| *unit != "???") {
+        info.set_value_unit(unit, "sample units");
+    }
     let source = body.source(array, info, options)?;
     stamp.check(path)?;
     files.check_unchanged(&stamps)?;

@@ -159,7 +159,8 @@ fn overridden(
 ) -> Result<Box<dyn Source>> {
     let mut info = source.info().clone();
     info.notes.extend(order_note.map(Note::new));
-    options.override_geometry(&mut info, path)?;
+    options.override_place(&mut info, path)?;
+    options.override_units(&mut info, path)?;
     override_nodata(&mut info, path, options.nodata)?;
     override_time(&mut info, path, options)?;
     Ok(Box::new(Described { info, source, first: 0 }))
@@ -552,10 +553,45 @@ mod tests {
         assert!(source.info().calibrated);
         assert_eq!((geometry.spacing, geometry.origin), (told.spacing.unwrap(), told.origin.unwrap()));
         assert_eq!(geometry.unit, told.unit);
+        let units = |unit: &str| OpenOptions { unit: Some(unit.into()), ..told.clone() };
+        let geometry = open(std::slice::from_ref(&path), &units("um,um,mm")).unwrap().info().geometry.clone();
+        assert_eq!((geometry.spacing.z, geometry.origin.z, geometry.unit), (2000.0, 3000.0, told.unit.clone()));
+        let geometry = open(std::slice::from_ref(&path), &units("degree,degree,hPa")).unwrap().info().geometry.clone();
+        let kept = Some(["degree", "degree", "hPa"].map(String::from));
+        assert_eq!((geometry.spacing, geometry.unit, geometry.axis_units), (told.spacing.unwrap(), None, kept));
+        for bad in ["", "mm,mm", "a,b,c,d", "mm,,mm", "m\u{1b}m"] {
+            assert!(refusal(&path, &units(bad)).contains("`unit`"), "{bad}");
+        }
         for spacing in [DVec3::ZERO, DVec3::new(1.0, -1.0, 1.0), DVec3::NAN] {
             let bad = OpenOptions { spacing: Some(spacing), ..raw_options(field) };
             assert!(refusal(&path, &bad).contains("above 0"));
         }
+    }
+
+    #[test]
+    fn values_have_the_users_unit_which_labels_cannot_have() {
+        let field = Field { sizes: [2, 2, 2, 2, 1], voxel_type: VoxelType::U8 };
+        let (_folder, path) = temp_file("a.raw", &field.bytes("czyx", false));
+        let told = |unit: &str| OpenOptions { value_unit: Some(unit.into()), ..raw_options(field) };
+        let source = open(std::slice::from_ref(&path), &told(" kg/m\u{b3}")).unwrap();
+        let units: Vec<_> = source.info().channel_looks.iter().map(|look| look.unit.as_deref()).collect();
+        assert_eq!(units, [Some("kg/m\u{b3}"); 2]);
+        for bad in ["", "a\nb", &"x".repeat(65)] {
+            assert!(refusal(&path, &told(bad)).contains("`value_unit`"), "{bad:?}");
+        }
+        assert!(refusal(&path, &OpenOptions { are_labels: true, ..told("K") }).contains("labels have no unit"));
+    }
+
+    /// Lengths of a series are converted once, not once for its files and once for the whole.
+    #[test]
+    fn units_of_axes_are_converted_once_in_a_series() {
+        let field = Field { sizes: [2, 2, 2, 1, 1], voxel_type: VoxelType::U8 };
+        let (folder, first) = temp_file("a1.raw", &field.bytes("zyx", false));
+        let second = folder.path().join("a2.raw");
+        std::fs::write(&second, field.bytes("zyx", false)).unwrap();
+        let options = OpenOptions { unit: Some("um,um,mm".into()), ..raw_options(field) };
+        let source = open(&[first, second], &options).unwrap();
+        assert_eq!(source.info().geometry.spacing, DVec3::new(1.0, 1.0, 1000.0));
     }
 
     #[test]

@@ -5,6 +5,7 @@ use crate::choice::{ChannelChoice, StepChoice};
 use crate::element::Endian;
 use crate::error::{ImportError, Result};
 use crate::source::SourceInfo;
+use brickyard_volume::units::free_unit;
 use brickyard_volume::{Extent, VoxelBox, VoxelType};
 use glam::DVec3;
 use std::path::{Path, PathBuf};
@@ -109,8 +110,11 @@ pub struct OpenOptions {
     pub held_as: Option<HeldAs>,
     /// Position of the first voxel's centre, in place of the file's.
     pub origin: Option<DVec3>,
-    /// UDUNITS name of the unit of length (`micrometer`), in place of the file's.
+    /// Unit of all axes, or of x, y and z with commas between, in place of the file's: of length by symbol or UDUNITS name (`micrometer`), which
+    /// are converted to the first one's, or others, which are kept (`degree,degree,hPa`).
     pub unit: Option<String>,
+    /// Unit of the values of all channels (`HU`), in place of the file's; see [`free_unit`].
+    pub value_unit: Option<String>,
     /// Time from one step to the next, in place of the file's, for evenly spaced steps; above 0.
     pub time_step: Option<f64>,
     /// Unit of time, in place of the file's: a name of OME-Zarr's (`second`) or its symbol (`s`).
@@ -143,8 +147,8 @@ pub struct OpenOptions {
 }
 
 impl OpenOptions {
-    /// Replaces the file's spacing, origin and unit with the user's.
-    pub(crate) fn override_geometry(&self, info: &mut SourceInfo, path: &Path) -> Result<()> {
+    /// Replaces the file's spacing and origin with the user's.
+    pub(crate) fn override_place(&self, info: &mut SourceInfo, path: &Path) -> Result<()> {
         if let Some(spacing) = self.spacing {
             if !(spacing.min_element() > 0.0 && spacing.is_finite()) {
                 return Err(ImportError::options(path, format!("`spacing` {spacing}: every spacing must be above 0")));
@@ -165,8 +169,37 @@ impl OpenOptions {
             (info.geometry.origin, info.says_origin) = (origin, true);
             info.orientation = info.orientation.map(|orientation| orientation.moved_to(origin));
         }
+        Ok(())
+    }
+
+    /// Replaces the file's units with the user's: once, as lengths are converted.
+    pub(crate) fn override_units(&self, info: &mut SourceInfo, path: &Path) -> Result<()> {
         if let Some(unit) = &self.unit {
-            info.geometry.unit = Some(unit.clone());
+            let units: Vec<&str> = unit.split(',').collect();
+            let units = match units[..] {
+                [one] => [one; 3],
+                [x, y, z] => [x, y, z],
+                _ => {
+                    let problem = format!("`unit` {unit}: expected one, or those of x, y and z with commas between");
+                    return Err(ImportError::options(path, problem));
+                }
+            };
+            for unit in units {
+                free_unit(unit).map_err(|problem| ImportError::options(path, format!("`unit` {unit:?}: {problem}")))?;
+            }
+            info.geometry.take_units(units);
+            if info.orientation.is_some() && (info.geometry.unit.is_none() || units != [units[0]; 3]) {
+                let problem = format!("`unit` {unit}: the file's orientation in a patient needs one unit of length");
+                return Err(ImportError::options(path, problem));
+            }
+        }
+        if let Some(unit) = &self.value_unit {
+            let unit = free_unit(unit)
+                .map_err(|problem| ImportError::options(path, format!("`value_unit` {unit:?}: {problem}")))?;
+            if self.are_labels {
+                return Err(ImportError::options(path, "`value_unit`: labels have no unit; leave it out"));
+            }
+            info.looks_of_all().iter_mut().for_each(|look| look.unit = Some(unit.to_owned()));
         }
         Ok(())
     }

@@ -40,6 +40,7 @@ struct Fields {
     spacing: Option<[f64; 3]>,
     origin: Option<[f64; 3]>,
     unit: Option<String>,
+    value_unit: Option<String>,
     time_step: Option<f64>,
     time_unit: Option<String>,
     nodata: Option<f64>,
@@ -75,9 +76,10 @@ pub(crate) fn open(path: &Path) -> Result<RawSource> {
     let mut told = Ok(());
     source = source.described(|info| {
         told = (|| {
-            options.override_geometry(info, text)?;
+            options.override_place(info, text)?;
             override_time(info, text, &options)?;
             info.channel_looks = fields.looks(text, info.channels)?;
+            options.override_units(info, text)?;
             info.identity = identity(&format!("{}; by", info.identity), &[text])?;
             info.notes.push(Note::new(format!("{} describes the voxels of {}.", name_of(text), name_of(&raw))));
             if let Some(value) = fields.nodata {
@@ -136,7 +138,8 @@ impl Fields {
             channels: self.channels,
             spacing: self.spacing.map(DVec3::from_array),
             origin: self.origin.map(DVec3::from_array),
-            unit: self.unit.as_deref().map(unit_name),
+            unit: self.unit.clone(),
+            value_unit: self.value_unit.clone(),
             time_step: self.time_step,
             time_unit: self.time_unit.clone(),
             ..OpenOptions::default()
@@ -161,12 +164,4 @@ fn parsed<T: FromStr<Err: std::fmt::Display>>(value: &Option<String>, field: &st
         value.parse().map_err(|problem| ImportError::invalid(text, format!("{field} '{value}': {problem}")))
     };
     value.as_ref().map(parse).transpose()
-}
-
-/// The UDUNITS name of a unit's symbol; other names pass unchanged.
-fn unit_name(symbol: &str) -> String {
-    let names =
-        [("nm", "nanometer"), ("um", "micrometer"), ("µm", "micrometer"), ("mm", "millimeter"), ("cm", "centimeter")];
-    let known = names.into_iter().chain([("m", "meter")]).find(|(short, _)| *short == symbol);
-    known.map_or(symbol, |(_, name)| name).into()
 }

@@ -87,6 +87,7 @@ impl Series {
     ) -> Result<Self> {
         let mut all: Option<StepFile> = None;
         let mut named: Option<(Vec<ChannelLook>, &Path)> = None;
+        let mut measured: Option<(Vec<ChannelLook>, &Path)> = None;
         let (mut identity, mut remarks) = (String::new(), Remarks::default());
         let (mut steps, mut step_times) = (Vec::with_capacity(paths.len()), Vec::with_capacity(paths.len()));
         for path in paths {
@@ -96,15 +97,23 @@ impl Series {
             stamp.check(path)?;
             let mut file = found?;
             // Values given by the user for all files are not compared.
-            options.override_geometry(&mut file.info, path)?;
+            options.override_place(&mut file.info, path)?;
             let first = &all.as_ref().unwrap_or(&file).info;
             check_alike(&file.info, path, first, paths)?;
-            check_unit(&file.info, path, first, &paths[0])?;
+            if options.unit.is_none() {
+                check_unit(&file.info, path, first, &paths[0])?;
+            }
             let looks = &file.info.channel_looks;
             match &named {
                 Some((others, other)) => check_channels(looks, path, others, other)?,
                 None if looks.iter().any(|look| look.name.is_some()) => named = Some((looks.clone(), path)),
                 None => {}
+            }
+            let has_unit = looks.iter().any(|look| look.unit.is_some()) && options.value_unit.is_none();
+            match &measured {
+                Some((others, other)) if has_unit => check_value_units(looks, path, others, other)?,
+                None if has_unit => measured = Some((looks.clone(), path)),
+                _ => {}
             }
             let start = identity.len();
             identity += &file.info.identity;
@@ -253,13 +262,27 @@ fn check_alike(step: &SourceInfo, path: &Path, first: &SourceInfo, paths: &[Path
 }
 
 fn check_unit(step: &SourceInfo, path: &Path, first: &SourceInfo, first_path: &Path) -> Result<()> {
-    if step.geometry.unit.is_none() || step.geometry.unit == first.geometry.unit {
+    let [own, other] = [step, first].map(|info| info.geometry.units_in_words());
+    if own.is_none() || own == other {
         return Ok(());
     }
-    let [own, other] = [step, first].map(|info| info.geometry.unit.clone().unwrap_or_else(|| "no unit".into()));
+    let [own, other] = [own, other].map(|unit| unit.unwrap_or_else(|| "no unit".into()));
     let problem = format!(
         "has lengths in {own}, but {} in {other}: write them in one unit, or give the unit of all with `unit`",
         first_path.display()
+    );
+    Err(ImportError::options(path, problem))
+}
+
+/// Checks the units of a step's values against another file's, the first with any, where both have them.
+fn check_value_units(looks: &[ChannelLook], path: &Path, others: &[ChannelLook], other_path: &Path) -> Result<()> {
+    let units = |(own, other): (&ChannelLook, &ChannelLook)| own.unit.clone().zip(other.unit.clone());
+    let Some((own, other)) = looks.iter().zip(others).filter_map(units).find(|(own, other)| own != other) else {
+        return Ok(());
+    };
+    let problem = format!(
+        "has values in {own}, but {} in {other}: write them in one unit, or give the unit of all with `value_unit`",
+        other_path.display()
     );
     Err(ImportError::options(path, problem))
 }

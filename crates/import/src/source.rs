@@ -4,6 +4,7 @@ use crate::axes::Sizes;
 use crate::error::ImportError;
 use crate::note::Note;
 use crate::step_time::StepTime;
+use brickyard_volume::units::{axis_unit, free_unit};
 use brickyard_volume::{ChannelLook, Extent, Geometry, Orientation, PlacementError, TimeAxis, VoxelBox, VoxelType};
 use glam::DVec3;
 
@@ -20,7 +21,7 @@ pub struct SourceInfo {
     pub time: Option<TimeAxis>,
     /// Voxel type delivered by [`Source::read_box`].
     pub voxel_type: VoxelType,
-    /// Spacing, origin and unit, as far as the format has them.
+    /// Spacing, origin and units, as far as the format has them.
     pub geometry: Geometry,
     /// Whether the spacing is known, from the format or the caller. If not, the volume is uncalibrated.
     pub calibrated: bool,
@@ -87,6 +88,40 @@ impl SourceInfo {
     /// A value as the voxels are, possibly narrowed.
     pub(crate) fn narrowed(&self, value: f64) -> f64 {
         if self.voxel_type.is_float() { f64::from(value as f32) } else { value }
+    }
+
+    /// The looks of all channels, added if there were none.
+    pub(crate) fn looks_of_all(&mut self) -> &mut [ChannelLook] {
+        self.channel_looks.resize(self.channels as usize, ChannelLook::default());
+        &mut self.channel_looks
+    }
+
+    /// Takes the file's unit of all values, called `name` there. One that cannot be kept is left out, with a warning.
+    pub(crate) fn set_value_unit(&mut self, unit: &str, name: &str) {
+        match free_unit(unit) {
+            Ok(unit) => self.looks_of_all().iter_mut().for_each(|look| look.unit = Some(unit.to_owned())),
+            Err(_) if unit.trim().is_empty() => {}
+            Err(problem) => self.notes.push(Note::warning(format!(
+                "The file's unit of values ({name}) is left out: {problem}; `value_unit` gives one."
+            ))),
+        }
+    }
+
+    /// Takes the file's units of x, y and z, in which spacing and origin are; empty ones are unknown. Lengths are converted to the first
+    /// one's unit. Ones that cannot be kept are left out, with a warning.
+    pub(crate) fn take_axis_units(&mut self, units: [&str; 3]) {
+        let mut kept = units;
+        for (axis, unit) in ["x", "y", "z"].into_iter().zip(&mut kept) {
+            if let Err(problem) = axis_unit(unit) {
+                self.notes.push(Note::warning(format!("The unit of {axis} is left out: {problem}; `unit` gives one.")));
+                *unit = "";
+            }
+        }
+        self.geometry.take_units(kept);
+        if let Some(units) = self.geometry.units_in_words().filter(|_| self.geometry.axis_units.is_some()) {
+            let how = if self.geometry.has_unlike_axes() { "no distances across them" } else { "no lengths" };
+            self.notes.push(Note::new(format!("Positions along x, y, z are in {units}: {how}.")));
+        }
     }
 
     /// Sets the file's no-data value, called `name` there. A value outside the voxel type is dropped, with a note; NaN and infinities hold no

@@ -91,7 +91,7 @@ fn photograph(info: &SourceInfo, samples: u16) -> Vec<ChannelLook> {
     let parts = [("red", [255, 0, 0]), ("green", [0, 255, 0]), ("blue", [0, 0, 255]), ("opacity", [0; 3])];
     let look = |channel: u32| {
         let (name, color) = parts[(channel as usize % samples as usize).min(3)];
-        ChannelLook { name: Some(name.into()), color: Some(color), window: whole.map(Into::into) }
+        ChannelLook { name: Some(name.into()), color: Some(color), window: whole.map(Into::into), unit: None }
     };
     (0..info.channels).map(look).collect()
 }

@@ -186,7 +186,8 @@ mod tests {
         let volume = ReferenceVolume { levels: &level, level_at: &level_at, transfer: &transfer };
         let map = "0.8 -1.2 0.3 4  0.6 0.9 -0.5 -7  0.1 0.7 2.5 11";
         let placement = Placement::from_text(map).unwrap();
-        let geometry = Geometry { spacing: DVec3::new(1.0, 0.5, 2.0), origin: DVec3::new(3.0, 1.0, -2.0), unit: None };
+        let geometry =
+            Geometry { spacing: DVec3::new(1.0, 0.5, 2.0), origin: DVec3::new(3.0, 1.0, -2.0), ..Geometry::default() };
         let (low, high) = geometry.world_box(level[0].extent);
         let target = placement.world_from_volume((low + high) * 0.5);
         let crop = [low + (high - low) * 0.25, high];

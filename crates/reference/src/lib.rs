@@ -153,7 +153,8 @@ pub(crate) mod tests {
 
     #[test]
     fn a_constant_medium_is_beer_lambert_at_any_step() {
-        let geometry = Geometry { spacing: DVec3::new(1.0, 2.0, 0.5), origin: DVec3::new(3.0, -1.0, 7.0), unit: None };
+        let geometry =
+            Geometry { spacing: DVec3::new(1.0, 2.0, 0.5), origin: DVec3::new(3.0, -1.0, 7.0), ..Geometry::default() };
         let levels = [cube(9, |_| 100.0)];
         let transfer = fog(0.2);
         let volume = ReferenceVolume { levels: &levels, level_at: &one_level(0), transfer: &transfer };

@@ -500,7 +500,7 @@ fn statistics(info: &StoreInfo, before: &[ChannelTotals], after: &[ChannelTotals
     let mut grown: Vec<ChannelStatistics> = after.iter().map(ChannelTotals::finish).collect();
     for ((grown, channel), before) in grown.iter_mut().zip(&info.channels).zip(before.iter().map(ChannelTotals::finish))
     {
-        (grown.name, grown.color) = (channel.name.clone(), channel.color);
+        (grown.name, grown.color, grown.unit) = (channel.name.clone(), channel.color, channel.unit.clone());
         if before.window != channel.window {
             grown.window = channel.window;
         }

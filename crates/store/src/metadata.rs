@@ -14,6 +14,7 @@ use crate::error::OpenError;
 pub use crate::kind::Kind;
 use crate::layout::check_edges;
 pub use crate::version::FORMAT_VERSION;
+use brickyard_volume::units::{axis_unit, free_unit};
 use brickyard_volume::{
     Apron, ChannelLook, Foreground, MAX_APRON, OccupancyBins, Orientation, TimeAxis, VoxelType, channel,
 };
@@ -115,6 +116,9 @@ pub struct ChannelStatistics {
     /// The channel's colour, if the source gave one: red, green and blue.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub color: Option<[u8; 3]>,
+    /// The unit of the channel's values, if the source or user gave one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub unit: Option<String>,
 }
 
 impl ChannelStatistics {
@@ -141,9 +145,9 @@ impl ChannelStatistics {
         Foreground::of_histogram(*low, *width, counts)
     }
 
-    /// Adopts the source's name, colour and window, as far as given.
+    /// Adopts the source's name, colour, unit and window, as far as given.
     pub fn take_look(&mut self, look: &ChannelLook) {
-        (self.name, self.color) = (look.name.clone(), look.color);
+        (self.name, self.color, self.unit) = (look.name.clone(), look.color, look.unit.clone());
         self.window = look.window.unwrap_or(self.window);
     }
 
@@ -164,6 +168,8 @@ pub struct ChannelDisplay {
     pub window: (f64, f64),
     /// Whether the channel is shown with the others.
     pub is_visible: bool,
+    /// The unit of the channel's values; `None` if unknown.
+    pub unit: Option<String>,
 }
 
 impl ChannelDisplay {
@@ -175,6 +181,7 @@ impl ChannelDisplay {
             color: channel.color.unwrap_or_else(|| channel::default_color(i, channels)),
             window: channel.window.into(),
             is_visible: true,
+            unit: channel.unit.clone(),
         };
         statistics.iter().enumerate().map(display).collect()
     }
@@ -215,6 +222,10 @@ pub struct StoreInfo {
     pub aprons: u32,
     /// Voxel spacing `[x, y, z]` behind the levels' factors. Positions in the world are in `attributes.ome`.
     pub spacing: [f64; 3],
+    /// Units of x, y and z where these are not one unit of length; `attributes.ome` has those of length among them, and
+    /// takes precedence: see [`Store::geometry`](crate::Store::geometry).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub axis_units: Option<[String; 3]>,
     /// Whether the source gave a spacing.
     pub calibrated: bool,
     /// Orientation of the volume in a patient, if given by the source.
@@ -277,6 +288,11 @@ impl StoreInfo {
         if !self.spacing.iter().all(|s| s.is_finite() && *s > 0.0) {
             return invalid("spacing", "three positive numbers", format!("{:?}", self.spacing));
         }
+        for (axis, unit) in ["x", "y", "z"].into_iter().zip(self.axis_units.iter().flatten()) {
+            if let Err(expected) = axis_unit(unit) {
+                return invalid("axis_units", &expected, format!("{unit:?} along {axis}"));
+            }
+        }
         if self.channels.len() != channels as usize {
             return invalid("channels", &format!("{channels} entries"), self.channels.len().to_string());
         }
@@ -284,6 +300,9 @@ impl StoreInfo {
             let (range, counts, bins) = (channel.range, channel.histogram.counts.len(), channel.bins);
             if range[0] > range[1] {
                 return invalid(&format!("channels[{i}].range"), "low <= high", format!("{range:?}"));
+            }
+            if let Some(Err(expected)) = channel.unit.as_deref().map(free_unit) {
+                return invalid(&format!("channels[{i}].unit"), &expected, format!("{:?}", channel.unit));
             }
             if counts != HISTOGRAM_BINS {
                 return invalid(&format!("channels[{i}].histogram.counts"), "256 counts", counts.to_string());

@@ -618,6 +618,7 @@ fn write_metadata(pass: &Pass, settings: &Value, passed: Passed) -> Result<(), d
         blanked: info.nodata.filter(|_| info.voxel_type.is_float()),
         aprons: options.aprons,
         spacing: info.geometry.spacing.to_array(),
+        axis_units: info.geometry.axis_units.clone(),
         calibrated: info.calibrated,
         orientation: info.orientation,
         time: info.time.clone(),

@@ -546,6 +546,7 @@ impl ChannelTotals {
             bins: self.occupancy_bins(),
             name: None,
             color: None,
+            unit: None,
         }
     }
 

@@ -133,7 +133,7 @@ impl Store {
             }
             layout = layout.of_second(asked);
         }
-        let geometry = parse_geometry(&root_path, &root, &layout)?;
+        let geometry = parse_geometry(&root_path, &root, &layout, &info)?;
         let placement = parse_placement(&root_path, &info, &geometry)?;
         let time = parse_time(&root_path, &root, &layout, info.time.as_ref())?;
         for level in layout.levels() {

@@ -68,7 +68,7 @@ impl TestStore {
 
     pub(crate) fn geometry(&self) -> Geometry {
         let spacing = DVec3::from_array(self.spacing);
-        Geometry { spacing, origin: DVec3::new(-3.0, 0.1, 100.0), unit: Some("micrometer".into()) }
+        Geometry { spacing, origin: DVec3::new(-3.0, 0.1, 100.0), unit: Some("micrometer".into()), axis_units: None }
     }
 
     /// All levels of one volume, rounded to the voxel type. A coarse voxel is the mean of the existing finer voxels
@@ -188,6 +188,7 @@ impl TestStore {
             blanked: None,
             aprons: 0,
             spacing: self.spacing,
+            axis_units: None,
             calibrated: true,
             orientation: None,
             time: self.time.clone(),

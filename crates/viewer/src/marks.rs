@@ -4,7 +4,7 @@
 use crate::overlay::{self, Lens};
 use crate::paint;
 use crate::state::{Overlays, WindowState};
-use brickyard::overlay::{World, unit};
+use brickyard::overlay::{World, axis_units, unit};
 use brickyard::session::VolumeSource;
 use brickyard::volume::{Picture, Scene};
 use eframe::egui::{Context, RawInput, Rect, ViewportId, pos2, vec2};
@@ -85,7 +85,12 @@ pub(crate) fn draw(picture: &mut Picture, scene: &Scene, volumes: &[VolumeSource
     let places: Vec<_> = volumes.iter().map(VolumeSource::place).collect();
     let Ok(corners) = scene.world_box(&places) else { return };
     let is_anatomical = scene.is_anatomical(&places);
-    let world = World { corners, is_anatomical, unit: unit(volumes, is_anatomical) };
+    let world = World {
+        corners,
+        is_anatomical,
+        unit: unit(volumes, is_anatomical),
+        axis_units: axis_units(volumes, is_anatomical),
+    };
     let size_px = (picture.width, picture.height);
     let area = Rect::from_min_size(pos2(0.0, 0.0), vec2(size_px.0 as f32, size_px.1 as f32) / pixels_per_point);
     let mut input = RawInput { screen_rect: Some(area), ..RawInput::default() };

@@ -5,10 +5,11 @@ use crate::canvas::Canvas;
 use crate::newest::answering;
 use crate::overlay::Lens;
 use crate::read_out::ReadOut;
-use brickyard::overlay::{short_name, unit};
+use brickyard::overlay::{axis_units, place_in_words, short_name};
 use brickyard::pick::{Pick, Picker};
 use brickyard::session::{ResolvedScene, VolumeSource};
-use brickyard::volume::numbers::{exact, within_span};
+use brickyard::volume::numbers::exact;
+use brickyard::volume::units::with_unit;
 use eframe::egui::{self, Response};
 use glam::DVec3;
 use std::sync::Arc;
@@ -91,10 +92,8 @@ fn look(picker: &mut Picker, scene: &ResolvedScene, place_px: [f64; 2], volumes:
 }
 
 /// A pick in words: the place in the world, and each volume's voxel and values, in order. A voxel equal to the previous one is not repeated.
-fn words(pick: &Pick, volumes: &[VolumeSource], (low, high): (DVec3, DVec3), is_anatomical: bool) -> ReadOut {
-    let size = (high - low).max_element();
-    let [x, y, z] = pick.point.to_array().map(|at| within_span(at, size));
-    let place = format!("at {x}, {y}, {z} {}", unit(volumes, is_anatomical)).trim_end().to_string();
+fn words(pick: &Pick, volumes: &[VolumeSource], world_box: (DVec3, DVec3), is_anatomical: bool) -> ReadOut {
+    let place = format!("at {}", place_in_words(pick.point, world_box, axis_units(volumes, is_anatomical)));
     let mut in_order: Vec<_> = pick.values.iter().collect();
     in_order.sort_by_key(|values| values.volume);
     let (mut said, mut words) = (String::new(), Vec::new());
@@ -108,7 +107,8 @@ fn words(pick: &Pick, volumes: &[VolumeSource], (low, high): (DVec3, DVec3), is_
         said = voxel;
         let is_float = volume.source.voxel_type().is_float();
         for (channel, value) in values.probe.values.iter().enumerate() {
-            let text = if value.is_nan() { "no data".to_string() } else { exact(*value, is_float) };
+            let unit = volume.value_unit(channel as u32);
+            let text = if value.is_nan() { "no data".to_string() } else { with_unit(&exact(*value, is_float), unit) };
             let name = volume.displays().get(channel).and_then(|display| display.name.clone());
             // The volume's own name stands for its unnamed first channel.
             let name = name.or_else(|| volume.name().filter(|_| channel == 0)).unwrap_or_default();

@@ -6,13 +6,14 @@ use crate::drag::drag_by;
 use crate::measuring::{Measuring, lying_in};
 use crate::navigation::{panned, point_at_target, zoomed};
 use crate::overlay::{self, AXIS_COLORS, Lens};
-use crate::panels::slices::{dragged, shown_window};
+use crate::panels::slices::{dragged, shown_window, window_unit};
 use crate::picking::Picking;
 use crate::planes::{Grid, filter, slice_scene};
 use crate::state::{State, Tool};
 use crate::volume_view::{Seen, dim_failed, isolation, whole_pixels};
 use brickyard::session::SessionError;
 use brickyard::volume::numbers::within_span;
+use brickyard::volume::units::with_unit;
 use brickyard::volume::{Camera, ClipPlane, Slice};
 use eframe::egui::{
     Align2, Color32, Event, MouseWheelUnit, PointerButton, Pos2, Response, Sense, Stroke, Ui, Vec2, vec2,
@@ -175,6 +176,7 @@ impl Section<'_> {
         if let Some(window) = shown_window(&seen.state.window.planes, &seen.state.scene, seen.volumes) {
             let [black, white] = window.map(|value| within_span(value, window[1] - window[0]));
             let corner = lens.area.left_bottom() + vec2(8.0, -6.0);
+            let white = with_unit(&white, window_unit(&seen.state.scene, seen.volumes));
             lens.text(corner, Align2::LEFT_BOTTOM, &format!("{black} to {white}"), 11.0, Color32::from_gray(200));
         }
         overlay::distances(lens, &lying_in(&seen.state.window.distances, &slice, reach), unit);

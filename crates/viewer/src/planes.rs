@@ -218,7 +218,8 @@ mod tests {
     }
 
     fn grid(orientation: Option<Orientation>) -> Grid {
-        let geometry = Geometry { spacing: DVec3::new(0.5, 1.0, 2.0), origin: DVec3::new(3.0, -2.0, 1.0), unit: None };
+        let geometry =
+            Geometry { spacing: DVec3::new(0.5, 1.0, 2.0), origin: DVec3::new(3.0, -2.0, 1.0), ..Geometry::default() };
         let pyramid = Pyramid::new(Extent::new(20, 30, 8), geometry.spacing.to_array(), 8);
         let volume = VolumeSource::new(Arc::new(Empty(pyramid, geometry)));
         let volume = match orientation {

@@ -34,7 +34,7 @@ use crate::views::Views;
 use crate::volume_view::{Seen, VolumeView};
 use crate::window::files::Next;
 use crate::{WindowOptions, clicks::Clicks, keys, work_row};
-use brickyard::overlay::{World, unit};
+use brickyard::overlay::{World, axis_units, unit};
 use brickyard::session::{SessionError, VolumeSource};
 use brickyard::unlike_sizes::unlike_sizes;
 use brickyard::volume::Scene;
@@ -323,8 +323,10 @@ impl Window {
         let places = self.places();
         let is_anatomical = self.state.scene.is_anatomical(&places);
         let unit = unit(self.views.volumes(), is_anatomical).to_string();
+        let axis_units = axis_units(self.views.volumes(), is_anatomical).map(str::to_owned);
+        let axis_units = axis_units.each_ref().map(String::as_str);
         let corners = self.state.scene.world_box(&places).ok();
-        let world = corners.map(|corners| World { corners, is_anatomical, unit: &unit });
+        let world = corners.map(|corners| World { corners, is_anatomical, unit: &unit, axis_units });
         let volumes = self.views.volumes().to_vec();
         let measuring = &mut self.measuring;
         let seen = Seen { state: &self.state, volumes: &volumes, world };
@@ -457,7 +459,9 @@ impl Window {
         let curve = self.value_curve(ui.ctx(), &state.window.play);
         let main = &self.views.main;
         let (seen, coming) = (main.step_seen(), main.coming());
-        let steps = panels::playing::Steps { timeline: &timeline, seen, coming, curve: curve.as_ref() };
+        let volume = curve.as_ref().and_then(|curve| self.views.volumes().get(curve.volume));
+        let unit = volume.and_then(VolumeSource::common_unit).unwrap_or_default();
+        let steps = panels::playing::Steps { timeline: &timeline, seen, coming, curve: curve.as_ref(), unit };
         let mut row = ui.new_child(UiBuilder::new().max_rect(room).id_salt("playing"));
         panels::playing::show(&mut row, &mut state.scene.time, &mut state.window.play, &steps);
     }

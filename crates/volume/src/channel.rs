@@ -1,11 +1,11 @@
-//! The default look of a channel: name, colour and window, read from a file and kept in stores.
+//! The default look of a channel: name, colour, window and unit, read from a file and kept in stores.
 
 use serde::{Deserialize, Serialize};
 
 /// Default colours of an image's several channels, as red, green and blue; they repeat after the last.
 pub const PALETTE: [[u8; 3]; 6] = [[0, 255, 0], [255, 0, 255], [0, 255, 255], [255, 255, 0], [255, 0, 0], [0, 0, 255]];
 
-/// A channel's name, colour and window, as far as its source gives them.
+/// A channel's name, colour, window and unit, as far as its source gives them.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ChannelLook {
     /// The channel's name.
@@ -17,6 +17,9 @@ pub struct ChannelLook {
     /// The values shown as black and as the full colour, in stored units.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub window: Option<[f64; 2]>,
+    /// The unit of the stored values: free text, checked by [`free_unit`](crate::units::free_unit).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub unit: Option<String>,
 }
 
 /// The default colour of a channel of `channels`: one of [`PALETTE`]; white for a single channel.

@@ -57,6 +57,7 @@ mod time_axis;
 mod time_unit;
 mod timeline;
 pub mod transfer;
+pub mod units;
 mod viewpoint;
 pub mod voxel_type;
 

@@ -5,6 +5,7 @@
 use crate::geometry::{Geometry, box_corners};
 use crate::placement::{Placement, PlacementError};
 use crate::space::Extent;
+use crate::units::LengthUnit;
 use glam::{DAffine3, DMat3, DVec3};
 use serde::{Deserialize, Serialize};
 
@@ -113,13 +114,8 @@ impl Orientation {
 
 /// Millimetres per unit of this UDUNITS name; 1 for an unknown one.
 fn millimetres(unit: Option<&str>) -> f64 {
-    match unit {
-        Some("meter") => 1e3,
-        Some("centimeter") => 10.0,
-        Some("micrometer") => 1e-3,
-        Some("nanometer") => 1e-6,
-        _ => 1.0,
-    }
+    let millimetre = LengthUnit::named("millimeter").expect("it is one of them");
+    unit.and_then(LengthUnit::named).map_or(1.0, |unit| unit.convert(1.0, millimetre))
 }
 
 /// A side of a patient.
@@ -224,6 +220,7 @@ mod tests {
             spacing: DVec3::new(0.7, 0.7, 3.0),
             origin: DVec3::new(-90.0, 20.0, 5.0),
             unit: Some("millimeter".into()),
+            axis_units: None,
         };
         assert!(orientation.is_upright() && orientation.placement(&geometry).unwrap().is_identity());
         let elsewhere = Geometry { origin: DVec3::ZERO, ..geometry };

@@ -11,6 +11,8 @@ pub mod scale_bar;
 
 use crate::session::volume_source::VolumeSource;
 use brickyard_volume::camera::CameraError;
+use brickyard_volume::numbers::within_span;
+use brickyard_volume::units::unit_symbol;
 use brickyard_volume::{Picture, Scene};
 use canvas::{Lens, Pen, settle};
 use glam::{DVec3, vec2};
@@ -28,22 +30,44 @@ pub struct World<'a> {
     pub corners: (DVec3, DVec3),
     /// Whether it is a patient's.
     pub is_anatomical: bool,
-    /// The unit of its distances; empty if unknown.
+    /// The unit of its distances, as [`unit`] gives it.
     pub unit: &'a str,
+    /// The units of its axes; empty where unknown.
+    pub axis_units: [&'a str; 3],
 }
 
-/// Returns the unit of these volumes' world, as written behind a number; empty if unknown. `is_anatomical`: whether the
+/// Returns the unit of distances in these volumes' world, as written behind a number: empty if unknown, and `axis units`
+/// if the axes have different ones, as distances across them have no meaning. `is_anatomical`: whether the
 /// world is a patient's.
 pub fn unit(volumes: &[VolumeSource], is_anatomical: bool) -> &str {
-    match volumes.first().and_then(|volume| volume.source.geometry().unit.as_deref()) {
+    match volumes.first().map(|volume| volume.source.geometry()) {
         _ if is_anatomical => "mm",
-        Some("micrometer") => "\u{b5}m",
-        Some("nanometer") => "nm",
-        Some("millimeter") => "mm",
-        Some("meter") => "m",
-        Some(other) => other,
+        Some(geometry) if geometry.has_unlike_axes() => "axis units",
+        Some(geometry) => geometry.axis_unit(0).map_or("", unit_symbol),
         None => "",
     }
+}
+
+/// The units of the world's axes; empty where unknown.
+pub fn axis_units(volumes: &[VolumeSource], is_anatomical: bool) -> [&str; 3] {
+    let first = volumes.first().map(|volume| volume.source.geometry());
+    [0, 1, 2].map(|axis| match first {
+        _ if is_anatomical => "mm",
+        Some(geometry) => geometry.axis_unit(axis).map_or("", unit_symbol),
+        None => "",
+    })
+}
+
+/// A place in words, with the units of the world's axes: `1, 2, 3 mm`, or `1 degree, 2 degree, 3 hPa`. Numbers have the digits that tell places
+/// in a box apart.
+pub fn place_in_words(place: DVec3, (low, high): (DVec3, DVec3), units: [&str; 3]) -> String {
+    let size = high - low;
+    if units == [units[0]; 3] {
+        let [x, y, z] = place.to_array().map(|at| within_span(at, size.max_element()));
+        return format!("{x}, {y}, {z} {}", units[0]).trim_end().into();
+    }
+    let along = |axis: usize| format!("{} {}", within_span(place[axis], size[axis]), units[axis]);
+    [0, 1, 2].map(|axis| along(axis).trim_end().to_owned()).join(", ")
 }
 
 /// Returns the names of the axes x, y and z of a world; a patient's point to the right, the front and the head.
@@ -143,7 +167,7 @@ impl Overlays {
         let mut taken = Vec::new();
         let mut lens = Lens { canvas: &mut canvas, rays };
         if let Some(corners) = scene.world_box(&places).ok().filter(|_| self.axes) {
-            let world = World { corners, is_anatomical, unit };
+            let world = World { corners, is_anatomical, unit, axis_units: axis_units(volumes, is_anatomical) };
             box_axes::draw_edges(&mut lens, &world);
             box_axes::draw_ticks(&mut lens, &world, &mut taken);
         }

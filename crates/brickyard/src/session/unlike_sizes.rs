@@ -4,6 +4,7 @@
 
 use crate::session::volume_source::VolumeSource;
 use brickyard_volume::numbers::significant;
+use brickyard_volume::units::LengthUnit;
 use brickyard_volume::{Extent, Scene};
 use glam::DVec3;
 
@@ -73,35 +74,9 @@ pub fn unlike_sizes(scene: &Scene, volumes: &[VolumeSource]) -> Option<UnlikeSiz
 fn unlike_units(one: &VolumeSource, other: &VolumeSource) -> Option<([String; 2], f64)> {
     let unit = |volume: &VolumeSource| volume.source.geometry().unit.clone();
     let units = [unit(one)?, unit(other)?];
-    let ratio = metres(&units[1])? / metres(&units[0])?;
+    let [one, other] = [&units[0], &units[1]].map(|unit| LengthUnit::named(unit));
+    let ratio = other?.metres() / one?.metres();
     ((ratio - 1.0).abs() > 1e-9).then_some((units, ratio))
-}
-
-/// Returns the length of a unit by its UDUNITS name; `None` if OME-Zarr has no such unit.
-fn metres(unit: &str) -> Option<f64> {
-    Some(match unit {
-        "angstrom" => 1e-10,
-        "inch" => 0.0254,
-        "foot" => 0.3048,
-        "yard" => 0.9144,
-        "mile" => 1609.344,
-        "parsec" => 3.085_677_581_491_367e16,
-        _ => match unit.strip_suffix("meter")? {
-            "femto" => 1e-15,
-            "pico" => 1e-12,
-            "nano" => 1e-9,
-            "micro" => 1e-6,
-            "milli" => 1e-3,
-            "centi" => 1e-2,
-            "deci" => 0.1,
-            "" => 1.0,
-            "hecto" => 100.0,
-            "kilo" => 1e3,
-            "mega" => 1e6,
-            "giga" => 1e9,
-            _ => return None,
-        },
-    })
 }
 
 /// Returns the rows of the map from the world of `other` to the world of `one` that brings voxels to voxels.
@@ -177,7 +152,7 @@ mod tests {
 
     fn volume(name: &str, extent: [u32; 3], spacing: [f64; 3]) -> VolumeSource {
         let spacing = DVec3::from_array(spacing);
-        let geometry = Geometry { spacing, origin: DVec3::new(1.0, 2.0, 3.0), unit: None };
+        let geometry = Geometry { spacing, origin: DVec3::new(1.0, 2.0, 3.0), ..Geometry::default() };
         VolumeSource::new(Arc::new(Nothing(Pyramid::new(Extent::from_array(extent), [1.0; 3], 8), geometry)))
             .named(name)
     }
@@ -186,7 +161,7 @@ mod tests {
     fn units_of_length_that_differ_are_named_with_what_mends_them() {
         let of_unit = |name: &str, unit: Option<&str>, spacing: f64| {
             let geometry =
-                Geometry { spacing: DVec3::splat(spacing), origin: DVec3::ZERO, unit: unit.map(str::to_owned) };
+                Geometry { spacing: DVec3::splat(spacing), unit: unit.map(str::to_owned), ..Geometry::default() };
             VolumeSource::new(Arc::new(Nothing(Pyramid::new(Extent::new(16, 16, 16), [1.0; 3], 8), geometry)))
                 .named(name)
         };

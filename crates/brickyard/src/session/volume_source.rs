@@ -53,6 +53,7 @@ impl VolumeSource {
             color: default_color(channel as usize, channels as usize),
             window: source.channel_range(channel),
             is_visible: true,
+            unit: None,
         };
         Self {
             displays: (0..channels).map(display).collect(),
@@ -193,6 +194,18 @@ impl VolumeSource {
     /// The default display of each channel.
     pub fn displays(&self) -> &[ChannelDisplay] {
         &self.displays
+    }
+
+    /// The unit of a channel's values; `None` if unknown, and for labels.
+    pub fn value_unit(&self, channel: u32) -> Option<&str> {
+        let display = self.displays.get(channel as usize).filter(|_| !self.source.is_labels())?;
+        display.unit.as_deref()
+    }
+
+    /// The unit of all channels' values; `None` if unknown, or if they have different ones.
+    pub fn common_unit(&self) -> Option<&str> {
+        let first = self.value_unit(0)?;
+        (1..self.source.channels()).all(|channel| self.value_unit(channel) == Some(first)).then_some(first)
     }
 
     /// The statistics of a channel; `None` if unknown.

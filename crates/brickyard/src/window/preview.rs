@@ -346,7 +346,11 @@ mod tests {
             channels: 1,
             times: 1,
             voxel_type,
-            geometry: Geometry { spacing: DVec3::new(0.5, 1.0, 4.0), origin: DVec3::new(-9.0, 3.0, 7.0), unit: None },
+            geometry: Geometry {
+                spacing: DVec3::new(0.5, 1.0, 4.0),
+                origin: DVec3::new(-9.0, 3.0, 7.0),
+                ..Geometry::default()
+            },
             calibrated: true,
             says_origin: false,
             orientation: None,
@@ -438,7 +442,12 @@ mod tests {
     /// For a volume small enough for all of its voxels.
     #[test]
     fn a_volume_looks_as_its_store_does() {
-        let look = ChannelLook { name: Some("dapi".into()), color: Some([0, 128, 255]), window: Some([-20.0, 300.0]) };
+        let look = ChannelLook {
+            name: Some("dapi".into()),
+            color: Some([0, 128, 255]),
+            window: Some([-20.0, 300.0]),
+            unit: None,
+        };
         let rows = [[-0.5, 0.0, 0.0, 20.0], [0.0, -1.0, 0.0, 5.0], [0.0, 0.0, 4.0, -7.0]];
         for (voxel_type, kind) in [VoxelType::F32, VoxelType::I16]
             .into_iter()

@@ -107,8 +107,12 @@ fn places_must_agree_and_may_be_said_once() {
     let (_folder, path) = temp_file("a.raw", &[3; 8]);
     let placed = |name: &str, spacing: f64, origin: f64, unit: &str| {
         described_as(&path, name, |info| {
-            info.geometry =
-                Geometry { spacing: DVec3::splat(spacing), origin: DVec3::splat(origin), unit: Some(unit.into()) };
+            info.geometry = Geometry {
+                spacing: DVec3::splat(spacing),
+                origin: DVec3::splat(origin),
+                unit: Some(unit.into()),
+                axis_units: None,
+            };
             info.calibrated = true;
         })
     };

@@ -63,6 +63,9 @@ const WANTED: &[Tag] = &[
     tags::PIXEL_PADDING_RANGE_LIMIT,
     tags::RESCALE_INTERCEPT,
     tags::RESCALE_SLOPE,
+    tags::RESCALE_TYPE,
+    tags::UNITS,
+    tags::MODALITY,
     tags::WINDOW_CENTER,
     tags::WINDOW_WIDTH,
 ];

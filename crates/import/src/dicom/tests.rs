@@ -315,6 +315,40 @@ fn every_uncompressed_syntax_gives_the_same_voxels() {
 }
 
 #[test]
+fn values_have_the_unit_that_the_standard_gives_them() {
+    let told = |texts: &[(Tag, &str)]| {
+        let mut slice = Written::slice(0.0, 0);
+        for (tag, text) in texts {
+            slice.text(*tag, VR::LO, text);
+        }
+        slice
+    };
+    let unit = |texts: &[(Tag, &str)]| {
+        let (_folder, source) = Folder::opened([told(texts)]);
+        source.info().channel_looks[0].unit.clone()
+    };
+    let [ct, pet] = ["CT", "PT"].map(|modality| (tags::MODALITY, modality));
+    let scale = [(tags::RESCALE_SLOPE, "1"), (tags::RESCALE_INTERCEPT, "-1024")];
+    let original = (tags::IMAGE_TYPE, "ORIGINAL\\PRIMARY\\AXIAL");
+    let of_type = |kind| unit(&[ct, original, scale[0], scale[1], (tags::RESCALE_TYPE, kind)]);
+    assert_eq!(of_type("HU").as_deref(), Some("HU"));
+    assert_eq!(of_type("MGML").as_deref(), Some("mg/mL"));
+    assert_eq!(of_type("US"), None);
+    assert_eq!(unit(&[ct, original, scale[0], scale[1]]).as_deref(), Some("HU"));
+    assert_eq!(unit(&[ct, original]), None);
+    for other in ["ORIGINAL\\PRIMARY\\LOCALIZER", "DERIVED\\SECONDARY\\AXIAL"] {
+        assert_eq!(unit(&[ct, (tags::IMAGE_TYPE, other), scale[0], scale[1]]), None, "{other}");
+    }
+    assert_eq!(unit(&[original, scale[0], scale[1]]), None);
+    assert_eq!(unit(&[pet, (tags::UNITS, "BQML"), (tags::RESCALE_TYPE, "US")]).as_deref(), Some("Bq/mL"));
+    let mut second = told(&[ct, (tags::RESCALE_TYPE, "OD")]);
+    second.text(tags::IMAGE_POSITION_PATIENT, VR::DS, "-100\\-50\\1");
+    let (_folder, source) = Folder::opened([told(&[ct, (tags::RESCALE_TYPE, "HU")]), second]);
+    assert_eq!(source.info().channel_looks[0].unit, None);
+    assert!(is_warned(&said(&source.info().notes), "different units"));
+}
+
+#[test]
 fn bits_signs_and_rescaling() {
     let values = |change: &dyn Fn(&mut Written) -> &mut Written| {
         let mut slice = Written::slice(0.0, 0);

@@ -9,6 +9,7 @@ use crate::axes::Axis;
 use crate::element::{Decode, Element, Scale};
 use crate::note::Note;
 use crate::source::SourceInfo;
+use brickyard_volume::units::LengthUnit;
 use brickyard_volume::{TimeAxis, VoxelType, time_unit};
 
 /// Largest difference of even coordinates from their line, as a part of the spacing.
@@ -25,6 +26,8 @@ pub(super) struct Values {
     pub(super) decode: Decode,
     /// Value of voxels without data, and its name in the file.
     pub(super) nodata: Option<(f64, &'static str)>,
+    /// Unit of the values.
+    pub(super) unit: Option<String>,
     pub(super) notes: Vec<Note>,
 }
 
@@ -36,7 +39,8 @@ pub(super) fn values_of(tree: &Tree, entry: &Entry, stored: &Stored) -> Values {
     let element = if is_unsigned { unsigned(stored.element) } else { stored.element };
     let slope = number(attributes, "scale_factor").unwrap_or(1.0);
     let intercept = number(attributes, "add_offset").unwrap_or(0.0);
-    let scale = match slope.is_finite() && slope != 0.0 && intercept.is_finite() {
+    let is_scaled = slope.is_finite() && slope != 0.0 && intercept.is_finite();
+    let scale = match is_scaled {
         true => Scale::exact(element, slope, intercept),
         false => {
             notes.push(Note::warning(format!(
@@ -68,11 +72,10 @@ pub(super) fn values_of(tree: &Tree, entry: &Entry, stored: &Stored) -> Values {
             )));
         }
     }
-    if let Some(units) = text(attributes, "units").filter(|units| units != "1") {
-        notes.push(Note::new(format!("Values are in {units}, according to the file.")));
-    }
+    // A scale that makes no values leaves stored numbers, which are in no unit. 1 is CF's word for none.
+    let unit = text(attributes, "units").filter(|units| units != "1" && is_scaled);
     let decode = Decode { element, endian: stored.endian, scale };
-    Values { decode, nodata: nodata.map(|(stored, name)| (value(stored), name)), notes }
+    Values { decode, nodata: nodata.map(|(stored, name)| (value(stored), name)), unit, notes }
 }
 
 fn unsigned(element: Element) -> Element {
@@ -128,7 +131,7 @@ pub(super) fn place(info: &mut SourceInfo, tree: &Tree, entry: &Entry, dims: &[D
         }
     }
     if !of_ilastik(info, tree, entry, axes) {
-        of_lines(info, &lines, &mut notes);
+        of_lines(info, &lines);
     }
     info.notes.append(&mut notes);
 }
@@ -177,67 +180,39 @@ fn line(scale: &Entry, coordinates: &[f64], axis: Axis, notes: &mut Vec<Note>) -
     Some(Line { first, step, units })
 }
 
-/// A unit of length and its metres; `None` for others.
-fn length(unit: &str) -> Option<(&'static str, f64)> {
-    Some(match unit {
-        "nm" | "nanometer" | "nanometers" | "nanometre" => ("nanometer", 1e-9),
-        "um" | "µm" | "μm" | "micron" | "microns" | "micrometer" | "micrometers" | "micrometre" => {
-            ("micrometer", 1e-6)
-        }
-        "mm" | "millimeter" | "millimeters" | "millimetre" => ("millimeter", 1e-3),
-        "cm" | "centimeter" | "centimeters" | "centimetre" => ("centimeter", 1e-2),
-        "m" | "meter" | "meters" | "metre" | "metres" => ("meter", 1.0),
-        "km" | "kilometer" | "kilometers" | "kilometre" => ("kilometer", 1e3),
-        "angstrom" | "angstroms" | "Angstrom" | "Å" => ("angstrom", 1e-10),
-        _ => return None,
-    })
-}
-
 /// Whether units are degrees of any direction.
 fn is_angle(unit: &str) -> bool {
     unit == "deg" || unit.starts_with("degree")
 }
 
-/// Calibrates the volume if every axis of more than one voxel has even coordinates, in units that go together.
-fn of_lines(info: &mut SourceInfo, lines: &[Option<Line>; 3], notes: &mut Vec<Note>) {
+/// Calibrates the volume if every axis of more than one voxel has even coordinates, each axis in its own unit.
+fn of_lines(info: &mut SourceInfo, lines: &[Option<Line>; 3]) {
     let extent = info.extent.to_array();
-    let known = |a: usize| lines[a].as_ref().filter(|line| extent[a] == 1 || line.step != 0.0);
-    if lines.iter().all(Option::is_none) || (0..3).any(|a| extent[a] > 1 && known(a).is_none()) {
+    let is_known = |a: usize| lines[a].as_ref().is_some_and(|line| extent[a] == 1 || line.step != 0.0);
+    if lines.iter().all(Option::is_none) || (0..3).any(|a| extent[a] > 1 && !is_known(a)) {
         return;
     }
-    let long: Vec<&Line> = (0..3).filter(|a| extent[*a] > 1).filter_map(known).collect();
-    let Some(unit) = long.first().map(|line| line.units.clone()) else { return };
-    let of_length = unit.as_deref().and_then(length);
-    let factor = |line: &Line| match (of_length, line.units.as_deref()) {
-        (Some((_, metres)), Some(other)) => length(other).map(|(_, others)| others / metres),
-        (_, other) => (other == unit.as_deref()
-            || unit.as_deref().is_some_and(is_angle) && other.is_some_and(is_angle))
-        .then_some(1.0),
-    };
-    let Some(factors) = long.iter().map(|line| factor(line)).collect::<Option<Vec<f64>>>() else {
-        let units: Vec<&str> = long.iter().map(|line| line.units.as_deref().unwrap_or("none")).collect();
-        let units = units.join(", ");
-        notes.push(Note::warning(format!(
-            "The axes' units ({units}) do not go together: the volume is not calibrated."
-        )));
-        return;
-    };
-    let mut factors = factors.into_iter();
-    for a in 0..3 {
+    let units = lines.each_ref().map(|line| match line.as_ref().and_then(|line| line.units.as_deref()) {
+        Some(unit) if is_angle(unit) => "degree",
+        Some(unit) => unit,
+        None => "",
+    });
+    let Some(first) = (0..3).find(|a| extent[*a] > 1) else { return };
+    let is_length = |a: usize| LengthUnit::of_text(units[a]).is_some();
+    // Along an axis of one voxel, unlike units are no reason to give up a common unit.
+    let is_left_out = |a: usize| extent[a] == 1 && (lines[a].is_none() || is_length(first) && !is_length(a));
+    for a in (0..3).filter(|a| !is_left_out(*a)) {
         let Some(line) = &lines[a] else { continue };
-        let factor = if extent[a] > 1 { factors.next().unwrap_or(1.0) } else { factor(line).unwrap_or(0.0) };
         if extent[a] > 1 {
-            info.geometry.spacing[a] = line.step.abs() * factor;
+            info.geometry.spacing[a] = line.step.abs();
         }
         if line.step >= 0.0 {
-            info.geometry.origin[a] = line.first * factor;
+            info.geometry.origin[a] = line.first;
         }
     }
+    info.take_axis_units(std::array::from_fn(|a| if is_left_out(a) { units[first] } else { units[a] }));
+    (0..3).filter(|a| extent[*a] == 1).for_each(|a| info.geometry.spacing[a] = 1.0);
     info.calibrated = true;
-    info.geometry.unit = of_length.map(|(name, _)| name.to_owned());
-    if let (None, Some(unit)) = (of_length, unit) {
-        notes.push(Note::new(format!("Positions are in {unit}, which is no length: the volume has no unit.")));
-    }
 }
 
 /// Voxel size of ilastik and Fiji's plugins: micrometres along z, y, x.
@@ -278,5 +253,39 @@ fn time(info: &mut SourceInfo, coordinates: &[f64], units: Option<&str>, notes: 
     match TimeAxis::of_stamps(coordinates.to_vec(), unit.map(str::to_owned)) {
         Ok(axis) => info.time = Some(axis),
         Err(problem) => notes.push(Note::warning(format!("The file's times are left out: {problem}."))),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::axes::Sizes;
+    use brickyard_volume::{Extent, Geometry};
+
+    fn placed(extent: [u32; 3], lines: [Option<(f64, f64, &str)>; 3]) -> Geometry {
+        let sizes = Sizes { extent: Extent::from_array(extent), channels: 1, times: 1 };
+        let mut info = SourceInfo::plain(sizes, VoxelType::F32);
+        let line = |(first, step, unit): (f64, f64, &str)| Line { first, step, units: Some(unit.into()) };
+        of_lines(&mut info, &lines.map(|told| told.map(line)));
+        assert!(info.calibrated);
+        info.geometry
+    }
+
+    #[test]
+    fn each_axis_has_its_own_unit_and_lengths_one() {
+        let map = placed(
+            [9; 3],
+            [(10.0, 0.25, "degrees_east"), (60.0, -0.5, "degrees_north"), (50.0, 25.0, "hPa")].map(Some),
+        );
+        assert_eq!((map.spacing, map.origin), (glam::DVec3::new(0.25, 0.5, 25.0), glam::DVec3::new(10.0, 0.0, 50.0)));
+        assert_eq!(map.units_in_words().as_deref(), Some("degree, degree, hPa"));
+        let lengths = placed([9; 3], [(0.0, 2.0, "km"), (4.0, 2.0, "km"), (300.0, 50.0, "m")].map(Some));
+        assert_eq!((lengths.spacing, lengths.unit.as_deref()), (glam::DVec3::new(2.0, 2.0, 0.05), Some("kilometer")));
+        assert_eq!(lengths.origin.z, 0.3);
+        // One level of pressure does not take the lengths their unit; one of a length does have its place.
+        let flat = placed([9, 9, 1], [(0.0, 2.0, "km"), (0.0, 2.0, "km"), (500.0, 0.0, "hPa")].map(Some));
+        assert_eq!((flat.spacing.z, flat.origin.z, flat.unit.as_deref()), (1.0, 0.0, Some("kilometer")));
+        let low = placed([9, 9, 1], [(0.0, 2.0, "km"), (0.0, 2.0, "km"), (500.0, 0.0, "m")].map(Some));
+        assert_eq!((low.spacing.z, low.origin.z, low.unit.as_deref()), (1.0, 0.5, Some("kilometer")));
     }
 }

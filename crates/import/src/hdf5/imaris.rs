@@ -144,6 +144,7 @@ fn describe(info: &mut SourceInfo, tree: &Tree, stored: &Stored) {
                 name: said(&group, "Name"),
                 color: color.map(|parts| parts.map(|part| (part.clamp(0.0, 1.0) * 255.0).round() as u8)),
                 window: window.filter(|[low, high]| low < high && stored.members.is_empty()),
+                unit: None,
             }
         })
         .collect();

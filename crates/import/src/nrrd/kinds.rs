@@ -162,7 +162,8 @@ impl Axes {
             "alpha" => Some([0; 3]),
             _ => None,
         };
-        let look = |name: &&str| ChannelLook { name: Some((*name).to_owned()), color: color(name), window: None };
+        let look =
+            |name: &&str| ChannelLook { name: Some((*name).to_owned()), color: color(name), window: None, unit: None };
         self.names.iter().take(count).map(look).collect()
     }
 }

@@ -3,10 +3,10 @@
 use super::header::Header;
 use super::kinds::Axes;
 use crate::error::Result;
-use crate::lengths::length_unit;
 use crate::note::Note;
 use crate::placement::set_matrix;
 use crate::source::SourceInfo;
+use brickyard_volume::units::LengthUnit;
 use brickyard_volume::{TimeAxis, time_unit};
 use glam::DVec3;
 
@@ -103,15 +103,17 @@ fn place_in_space(
     let origin = origin_of(header, space, notes)?;
     let has_time = space.dimension == 4;
     let step = |axis: usize| directions.get(axis).and_then(Option::as_deref);
-    let in_space: Vec<DVec3> = axes.space.iter().filter_map(|axis| Some(vector(step(*axis)?))).collect();
-    let frame = Frame::of(&in_space, vector(&origin), space.dimension);
+    let lengths = Lengths::of(header, space.dimension.min(3))?;
+    let in_space = axes.space.iter().filter_map(|axis| Some(lengths.in_first(vector(step(*axis)?))));
+    let in_space: Vec<DVec3> = in_space.collect();
+    let frame = Frame::of(&in_space, lengths.in_first(vector(&origin)), space.dimension);
     info.geometry.spacing = DVec3::from_array(frame.spacing);
     info.calibrated = in_space.iter().all(|step| step.is_finite() && step.length() > 0.0);
     if !info.calibrated {
         info.geometry.spacing = DVec3::ONE;
         notes.push(Note::warning("The space directions give no spacing: 1 is taken."));
     }
-    set_unit(header, "spaceunits", 0..space.dimension.min(3), info, notes)?;
+    set_unit(&lengths, info, notes);
     let signs = space.to_right_front_head.unwrap_or([1.0; 3]);
     let rows = std::array::from_fn(|row| {
         let along = |column: usize| frame.steps[column].to_array()[row];
@@ -199,8 +201,19 @@ fn place_by_axes(header: &Header, axes: &Axes, info: &mut SourceInfo, notes: &mu
     info.geometry.origin = DVec3::from_array(origin);
     info.calibrated = known;
     let Some(units) = header.quoted("units")? else { return Ok(()) };
-    let of_space = axes.space.iter().filter_map(|axis| units.get(*axis).map(String::as_str)).collect::<Vec<_>>();
-    take_unit(&of_space, info, notes);
+    let told = axes.space.iter().map(|axis| units.get(*axis).map_or("", String::as_str));
+    let told: Vec<&str> = told.map(|unit| if unit == "???" { "" } else { unit }).collect();
+    let Some(first) = told.iter().find(|unit| !unit.is_empty()) else { return Ok(()) };
+    if told.contains(&"") {
+        notes.push(Note::warning("Some axes of space have no unit: `unit` gives all three."));
+    }
+    // The file has nothing along made-up axes.
+    info.take_axis_units(std::array::from_fn(|place| *told.get(place).unwrap_or(first)));
+    info.geometry.spacing = std::array::from_fn::<f64, 3, _>(|place| match place < told.len() {
+        true => info.geometry.spacing[place],
+        false => 1.0,
+    })
+    .into();
     Ok(())
 }
 
@@ -244,31 +257,48 @@ impl Samples {
     }
 }
 
-fn set_unit(
-    header: &Header,
-    name: &str,
-    axes: std::ops::Range<usize>,
-    info: &mut SourceInfo,
-    notes: &mut Vec<Note>,
-) -> Result<()> {
-    let Some(units) = header.quoted(name)? else { return Ok(()) };
-    take_unit(&axes.filter_map(|i| units.get(i).map(String::as_str)).collect::<Vec<_>>(), info, notes);
-    Ok(())
+/// Units along the axes of a space.
+struct Lengths {
+    units: Vec<String>,
+    /// Units of length, if all are.
+    lengths: Option<Vec<LengthUnit>>,
 }
 
-/// Takes the unit of all axes. Lengths in several units are not calibrated.
-fn take_unit(units: &[&str], info: &mut SourceInfo, notes: &mut Vec<Note>) {
-    let told: Vec<&str> = units.iter().copied().filter(|unit| !unit.is_empty() && *unit != "???").collect();
-    let Some(first) = told.first() else { return };
-    if told.iter().any(|unit| length_unit(unit) != length_unit(first)) || told.len() < units.len() {
-        info.calibrated = false;
-        let note = format!("The axes have different units ({}): give spacing and unit yourself.", units.join(", "));
+impl Lengths {
+    fn of(header: &Header, dimension: usize) -> Result<Self> {
+        let mut units = header.quoted("spaceunits")?.unwrap_or_default();
+        units.truncate(dimension);
+        let lengths = units.iter().map(|unit| LengthUnit::of_text(unit)).collect::<Option<Vec<_>>>();
+        let lengths = lengths.filter(|lengths| lengths.len() == dimension);
+        Ok(Self { units, lengths })
+    }
+
+    /// A vector, or a place, with all coordinates in the first one's unit.
+    fn in_first(&self, vector: DVec3) -> DVec3 {
+        let Some(lengths) = &self.lengths else { return vector };
+        let mut converted = vector;
+        for (axis, unit) in lengths.iter().enumerate() {
+            converted[axis] = unit.convert(vector[axis], lengths[0]);
+        }
+        converted
+    }
+}
+
+/// Takes the unit of a space, whose axes are not the volume's: other units than of length are left out.
+fn set_unit(space: &Lengths, info: &mut SourceInfo, notes: &mut Vec<Note>) {
+    if let Some(first) = space.lengths.as_ref().and_then(|lengths| lengths.first()) {
+        info.geometry.unit = Some(first.name.to_owned());
+        return;
+    }
+    let is_told = |unit: &&String| !unit.is_empty() && *unit != "???";
+    let Some(first) = space.units.iter().find(is_told) else { return };
+    if space.units.iter().all(|unit| unit == first) {
+        let note = format!("The unit '{first}' is not known as one of length: it is left out.");
         return notes.push(Note::warning(note));
     }
-    match length_unit(first) {
-        Some(unit) => info.geometry.unit = Some(unit.to_owned()),
-        None => notes.push(Note::warning(format!("The unit '{first}' is not known as one of length: it is left out."))),
-    }
+    info.calibrated = false;
+    let note = format!("The axes have different units ({}): give spacing and unit yourself.", space.units.join(", "));
+    notes.push(Note::warning(note));
 }
 
 /// The time axis from the fourth coordinate of a space.

@@ -239,7 +239,30 @@ fn axes_have_spacings_or_ends() {
     let micro = placed("spacings: 1 2 3\nunits: \"um\" \"um\" \"um\"\n");
     assert_eq!(micro.geometry.unit.as_deref(), Some("micrometer"));
     let mixed = placed("spacings: 1 2 3\nunits: \"um\" \"um\" \"mm\"\n");
-    assert!(!mixed.calibrated && is_warned(&said(&mixed.notes), "different units"));
+    assert!(mixed.calibrated && mixed.notes.is_empty(), "{:?}", mixed.notes);
+    assert_eq!(
+        (mixed.geometry.spacing, mixed.geometry.unit.as_deref()),
+        (DVec3::new(1.0, 2.0, 3000.0), Some("micrometer"))
+    );
+    let map = placed("spacings: 1 2 3\nunits: \"degree\" \"degree\" \"hPa\"\nsample units: \"K\"\n");
+    assert_eq!(
+        (map.geometry.spacing, map.geometry.units_in_words().as_deref()),
+        (DVec3::new(1.0, 2.0, 3.0), Some("degree, degree, hPa"))
+    );
+    assert_eq!(map.channel_looks[0].unit.as_deref(), Some("K"));
+    let part = placed("spacings: 1 2 3\nunits: \"mm\" \"???\" \"\"\n");
+    assert_eq!(part.geometry.axis_units, Some(["millimeter".into(), String::new(), String::new()]));
+    assert!(is_warned(&said(&part.notes), "Some axes of space have no unit"));
+    let space = placed(
+        "space dimension: 3\nspace directions: (2,0,0) (0,2,0) (0,0,3)\nspace origin: (1,1,1)\nspace units: \"um\" \"um\" \"mm\"\n",
+    );
+    assert_eq!(
+        (space.geometry.spacing, space.geometry.origin),
+        (DVec3::new(2.0, 2.0, 3000.0), DVec3::new(1.0, 1.0, 1000.0))
+    );
+    let unlike =
+        placed("space dimension: 3\nspace directions: (2,0,0) (0,2,0) (0,0,3)\nspace units: \"um\" \"s\" \"mm\"\n");
+    assert!(!unlike.calibrated && is_warned(&said(&unlike.notes), "different units"));
 }
 
 #[test]

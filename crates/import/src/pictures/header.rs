@@ -75,7 +75,7 @@ impl PictureFormat {
                 "alpha" => [0; 3],
                 _ => [255; 3],
             };
-            ChannelLook { name: Some((*name).into()), color: Some(color), window: Some([0.0, greatest]) }
+            ChannelLook { name: Some((*name).into()), color: Some(color), window: Some([0.0, greatest]), unit: None }
         };
         names.iter().cycle().take(channels as usize).map(look).collect()
     }

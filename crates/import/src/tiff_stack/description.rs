@@ -169,7 +169,7 @@ impl Description {
     pub(super) fn set_unit(&mut self, name: Option<&str>) {
         let Some(name) = name else { return };
         match unit_of(name) {
-            Some((unit, _)) => self.unit = Some(unit),
+            Some(unit) => self.unit = Some(unit.name),
             None => {
                 let warning = format!("The unit '{name}' is not known; lengths are kept without a unit.");
                 self.notes.push(Note::warning(warning));
@@ -181,10 +181,9 @@ impl Description {
     pub(super) fn set_physical_sizes(&mut self, sizes: [Option<(f64, String)>; 3]) {
         let [Some((x, unit)), y, z] = sizes else { return };
         self.set_unit(Some(&unit));
-        let metres = |name: &str| unit_of(name).map(|u| u.1);
         let in_x = |size: Option<(f64, String)>| {
             let (size, own) = size?;
-            if own == unit { Some(size) } else { Some(size * metres(&own)? / metres(&unit)?) }
+            if own == unit { Some(size) } else { Some(unit_of(&own)?.convert(size, unit_of(&unit)?)) }
         };
         self.spacing = Some(Spacing { x, y: in_x(y).unwrap_or(x), z: in_x(z) });
     }

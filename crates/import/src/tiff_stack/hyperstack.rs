@@ -63,15 +63,19 @@ pub(super) fn spacing(has_unit: bool, depth: Option<f64>, resolution: Option<[f6
 fn in_unit_of_x(description: &mut Description, unit: Option<&str>, others: [Option<&str>; 2]) {
     let Some(spacing) = &mut description.spacing else { return };
     let others = others.map(|other| other.filter(|other| Some(*other) != unit));
-    let metres = |name: &str| unit_of(name).map(|(_, metres)| metres);
-    let factor = |other: Option<&str>| other.map_or(Some(1.0), |other| Some(metres(other)? / metres(unit?)?));
-    let [y, z] = others.map(factor);
-    spacing.z = spacing.z.zip(z).map(|(depth, factor)| depth * factor);
+    let in_x = |length: f64, other: Option<&str>| match other {
+        None => Some(length),
+        Some(other) => Some(unit_of(other)?.convert(length, unit_of(unit?)?)),
+    };
+    let (y, z) = (in_x(spacing.y, others[0]), spacing.z.map(|depth| in_x(depth, others[1])));
+    spacing.z = z.flatten();
     match y {
-        Some(factor) => spacing.y *= factor,
+        Some(y) => spacing.y = y,
         None => description.spacing = None,
     }
-    for (axis, other) in ["y", "z"].into_iter().zip(others).zip([y, z]).filter_map(|(at, f)| f.is_none().then_some(at))
+    let are_lost = [y.is_none(), z == Some(None)];
+    for (axis, other) in
+        ["y", "z"].into_iter().zip(others).zip(are_lost).filter_map(|(at, is_lost)| is_lost.then_some(at))
     {
         let (other, unit) = (other.unwrap_or_default(), unit.unwrap_or("none"));
         description.notes.push(Note::warning(format!(

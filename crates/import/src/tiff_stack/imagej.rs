@@ -28,6 +28,7 @@ pub(super) fn channel_looks(bytes: &[u8], byte_counts: &[u64]) -> Vec<ChannelLoo
         name: None,
         color: colors.get(i).copied().flatten(),
         window: windows.get(i).copied().filter(|[low, high]| low.is_finite() && high.is_finite() && low < high),
+        unit: None,
     };
     (0..windows.len().max(colors.len())).map(look).collect()
 }
@@ -99,9 +100,10 @@ mod tests {
     fn colours_and_windows_are_read_in_both_byte_orders() {
         for is_big in [false, true] {
             let (bytes, counts) = written(is_big);
-            let first = ChannelLook { name: None, color: Some([0, 128, 255]), window: Some([100.0, 900.0]) };
+            let first =
+                ChannelLook { name: None, color: Some([0, 128, 255]), window: Some([100.0, 900.0]), unit: None };
             // A table of several colours has no single one.
-            let second = ChannelLook { name: None, color: None, window: Some([-3.0, 65535.0]) };
+            let second = ChannelLook { name: None, color: None, window: Some([-3.0, 65535.0]), unit: None };
             assert_eq!(channel_looks(&bytes, &counts), [first, second]);
         }
     }

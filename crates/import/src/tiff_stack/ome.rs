@@ -313,7 +313,7 @@ impl Walk {
         if self.looks.len() < MOST_LOOKS {
             // The samples of one channel are a photograph's, whatever its own name and colour.
             match samples {
-                1 => self.looks.push(ChannelLook { name, color, window: None }),
+                1 => self.looks.push(ChannelLook { name, color, window: None, unit: None }),
                 _ => self.looks.extend(vec![ChannelLook::default(); samples.min(16) as usize]),
             }
         }

@@ -62,7 +62,7 @@ impl ScaleTags {
     pub(super) fn pixels_per(&self, name: &str) -> Option<[f64; 2]> {
         match (self.unit, self.per_unit()) {
             (Some(3..), Some((resolution, unit))) => {
-                let factor = unit_of(name)?.1 / unit_of(unit)?.1;
+                let factor = unit_of(name)?.convert(1.0, unit_of(unit)?);
                 Some(resolution.map(|pixels| pixels * factor))
             }
             (Some(3..), None) => None,

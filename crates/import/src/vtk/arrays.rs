@@ -101,10 +101,11 @@ impl Array {
 
     /// Looks of the channels: the file's names, or those of vectors and colours.
     pub(super) fn looks(&self) -> Vec<ChannelLook> {
-        let look = |name: &str, color| ChannelLook { name: Some(name.into()), color, window: None };
+        let look = |name: &str, color| ChannelLook { name: Some(name.into()), color, window: None, unit: None };
         let count = self.components as usize;
         if count > 1 && count == self.component_names.len() && self.component_names.iter().any(Option::is_some) {
-            let named = |name: &Option<String>| ChannelLook { name: name.clone(), color: None, window: None };
+            let named =
+                |name: &Option<String>| ChannelLook { name: name.clone(), color: None, window: None, unit: None };
             return self.component_names.iter().map(named).collect();
         }
         let colors = [("red", [255, 0, 0]), ("green", [0, 255, 0]), ("blue", [0, 0, 255]), ("opacity", [0; 3])];

@@ -87,14 +87,23 @@ fn check(step: &SourceInfo, store: &Store) -> Result<(), AppendError> {
         return differs("origin (x, y, z)", in_words(theirs.origin), in_words(ours.origin));
     }
     let or_none = |word: &Option<String>| word.clone().unwrap_or_else(|| "not known".into());
-    if theirs.unit.is_some() && theirs.unit != ours.unit {
-        return differs("unit of length", or_none(&theirs.unit), or_none(&ours.unit));
+    let [units, store_units] = [theirs, ours].map(Geometry::units_in_words);
+    // A store without units, as of former versions, takes steps whose axes have any but lengths.
+    let is_new = store_units.is_none() && theirs.unit.is_none();
+    if units.is_some() && units != store_units && !is_new {
+        return differs("unit of length", or_none(&units), or_none(&store_units));
     }
     if let Some(theirs) = step.orientation
         && !store.info().orientation.is_some_and(|ours| theirs.agrees(&ours, extent))
     {
         let rows = |orientation: brickyard_volume::Orientation| format!("{:?}", orientation.rows());
         return differs("orientation", rows(theirs), store.info().orientation.map_or("not known".into(), rows));
+    }
+    for (channel, look) in store.info().channels.iter().zip(&step.channel_looks) {
+        if look.unit.is_some() && channel.unit.is_some() && look.unit != channel.unit {
+            let expected = format!("{} (`value_unit` gives it)", or_none(&channel.unit));
+            return differs("unit of values", or_none(&look.unit), expected);
+        }
     }
     let ours = store.info().channels.iter().map(|channel| channel.name.as_deref());
     let theirs = step.channel_looks.iter().map(|look| look.name.as_deref());

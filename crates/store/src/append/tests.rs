@@ -799,6 +799,36 @@ fn channels_in_another_order_are_refused() {
     appender.append(&step("GFP"), None, &()).unwrap();
 }
 
+/// Values in another unit are other values; without units, as in stores of former versions, nothing is known.
+#[test]
+fn values_and_axes_in_other_units_are_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    let step = |number, unit: Option<&str>, axes: [&str; 3]| {
+        let mut step = step_of::<u8>(number, 1);
+        step.info.channel_looks = vec![ChannelLook { unit: unit.map(str::to_owned), ..ChannelLook::default() }];
+        step.info.geometry.take_units(axes);
+        step
+    };
+    let map = ["degree", "degree", "hPa"];
+    let path = dir.path().join("s.zarr");
+    let mut appender = Appender::create(&path, &step(0, Some("K"), map), None, &byte_options(), &()).unwrap();
+    let message = appender.append(&step(1, Some("m/s"), map), None, &()).unwrap_err().to_string();
+    assert!(message.contains("unit of values is m/s") && message.contains("K"), "{message}");
+    let message = appender.append(&step(1, Some("K"), ["degree", "degree", "km"]), None, &()).unwrap_err().to_string();
+    assert!(message.contains("unit of length is degree, degree, kilometer"), "{message}");
+    appender.append(&step(1, Some("K"), map), None, &()).unwrap();
+    appender.append(&step(2, None, [""; 3]), None, &()).unwrap();
+    drop(appender);
+    let store = Store::open(&path).unwrap();
+    assert_eq!((store.channel_displays()[0].unit.as_deref(), store.geometry().axis_unit(2)), (Some("K"), Some("hPa")));
+    assert_sound(&path, "units");
+    let path = dir.path().join("old.zarr");
+    let mut appender = Appender::create(&path, &step(0, None, [""; 3]), None, &byte_options(), &()).unwrap();
+    appender.append(&step(1, Some("K"), map), None, &()).unwrap();
+    drop(appender);
+    assert_eq!(Store::open(&path).unwrap().channel_displays()[0].unit, None);
+}
+
 /// The no-data value may be valid data in a step whose source declares its own: integers are refused then, floats keep
 /// it as data.
 #[test]

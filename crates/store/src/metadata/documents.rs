@@ -6,6 +6,7 @@ use crate::downsample::Downsample;
 use crate::kind::Kind;
 use crate::layout::Layout;
 use crate::time;
+use brickyard_volume::units::LengthUnit;
 use brickyard_volume::{Apron, Geometry, Level, LevelGrid, VoxelType, channel};
 use serde::Serialize;
 use serde_json::{Value, json};
@@ -51,7 +52,7 @@ fn axes(layout: &Layout, geometry: &Geometry, time_unit: Option<&str>) -> Value 
         let (kind, unit) = match name {
             "t" => ("time", time_unit),
             "c" => ("channel", None),
-            _ => ("space", geometry.unit.as_deref()),
+            _ => ("space", length_along(geometry, name)),
         };
         let mut axis = json!({ "name": name, "type": kind });
         if let Some(unit) = unit {
@@ -60,6 +61,12 @@ fn axes(layout: &Layout, geometry: &Geometry, time_unit: Option<&str>) -> Value 
         axis
     };
     layout.axes().into_iter().map(axis).collect()
+}
+
+/// The unit of an axis of space. OME-Zarr's are lengths; others are in `attributes.brickyard.axis_units`.
+fn length_along<'a>(geometry: &'a Geometry, axis: &str) -> Option<&'a str> {
+    let axis = ["x", "y", "z"].iter().position(|name| *name == axis)?;
+    geometry.axis_unit(axis).filter(|unit| geometry.axis_units.is_none() || LengthUnit::named(unit).is_some())
 }
 
 fn datasets(layout: &Layout, geometry: &Geometry, step: f64, start: f64) -> Value {

@@ -130,7 +130,12 @@ fn committed_times(
 }
 
 /// Reads the placement from the pyramid's multiscale, and checks every level's against level 0's.
-pub(crate) fn parse_geometry(path: &Path, root: &Value, layout: &Layout) -> Result<Geometry, OpenError> {
+pub(crate) fn parse_geometry(
+    path: &Path,
+    root: &Value,
+    layout: &Layout,
+    info: &StoreInfo,
+) -> Result<Geometry, OpenError> {
     let owner = if layout.second().is_some() { "brickyard" } else { "ome" };
     let multiscale = &root["attributes"][owner]["multiscales"][0];
     let field = |k: usize, what: &str| format!("attributes.{owner}.multiscales[0].datasets[{k}]{what}");
@@ -155,9 +160,8 @@ pub(crate) fn parse_geometry(path: &Path, root: &Value, layout: &Layout) -> Resu
         };
         placements.push((scale, translation));
     }
-    let axis = multiscale["axes"].as_array().and_then(|a| a.last());
-    let unit = axis.and_then(|x| x["unit"].as_str()).map(str::to_owned);
-    let geometry = Geometry { spacing: placements[0].0, origin: placements[0].1, unit };
+    let (unit, axis_units) = spatial_units(&multiscale["axes"], info);
+    let geometry = Geometry { spacing: placements[0].0, origin: placements[0].1, unit, axis_units };
     for (k, (level, found)) in levels.iter().zip(&placements).enumerate() {
         let expected = geometry.level_placement(level.factor);
         // Written in full precision; another tool may have rounded to about seven digits.
@@ -172,6 +176,20 @@ pub(crate) fn parse_geometry(path: &Path, root: &Value, layout: &Layout) -> Resu
     Ok(geometry)
 }
 
+/// The unit of all axes of space, or the units of x, y and z. Lengths are OME-Zarr's, whose edits count.
+fn spatial_units(axes: &Value, info: &StoreInfo) -> (Option<String>, Option<[String; 3]>) {
+    let axes = axes.as_array().map_or(&[][..], |axes| axes);
+    let said = [1, 2, 3].map(|from_end| axes.get(axes.len().checked_sub(from_end)?)?["unit"].as_str());
+    match (&info.axis_units, said) {
+        (Some(ours), _) => {
+            let unit = |axis: usize| said[axis].map_or_else(|| ours[axis].clone(), str::to_owned);
+            (None, Some([0, 1, 2].map(unit)))
+        }
+        (None, [Some(x), Some(y), Some(z)]) if x != y || x != z => (None, Some([x, y, z].map(str::to_owned))),
+        (None, [x, ..]) => (x.map(str::to_owned), None),
+    }
+}
+
 /// Displays from the store's OME metadata, editable by other tools, with unusable entries replaced by the packed ones.
 pub(crate) fn parse_displays(root: &Value, info: &StoreInfo) -> Vec<ChannelDisplay> {
     let display = |(i, packed): (usize, ChannelDisplay)| {
@@ -184,6 +202,7 @@ pub(crate) fn parse_displays(root: &Value, info: &StoreInfo) -> Vec<ChannelDispl
             color: said["color"].as_str().and_then(channel::from_hex).unwrap_or(packed.color),
             window: window.unwrap_or(packed.window),
             is_visible: said["active"].as_bool().unwrap_or(packed.is_visible),
+            unit: packed.unit,
         }
     };
     ChannelDisplay::of_channels(&info.channels).into_iter().enumerate().map(display).collect()

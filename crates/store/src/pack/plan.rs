@@ -39,6 +39,7 @@ use crate::shard_file::IoMode;
 use crate::side::level_files;
 use crate::stats::ChannelTotals;
 use brickyard_import::{Access, Source, SourceInfo};
+use brickyard_volume::units::{axis_unit, free_unit};
 use brickyard_volume::{Extent, Level, LevelGrid, PAGE_EDGE_BRICKS, Paging, Pyramid, VoxelType};
 use std::ops::Range;
 
@@ -233,6 +234,14 @@ fn check_input(info: &SourceInfo) -> Result<(), PackError> {
     if let Some(nodata) = info.nodata.filter(|&nodata| !info.voxel_type.holds(nodata)) {
         let expected = format!("a value within {}", info.voxel_type);
         return unfit("value for no data is", nodata.to_string(), &expected, "choose another with `nodata`");
+    }
+    let units = info.channel_looks.iter().filter_map(|look| look.unit.as_deref());
+    if let Some((unit, expected)) = units.filter_map(|unit| Some((unit, free_unit(unit).err()?))).next() {
+        return unfit("unit of values is", format!("{unit:?}"), &expected, "give it with `value_unit`");
+    }
+    let units = info.geometry.axis_units.iter().flatten();
+    if let Some((unit, expected)) = units.filter_map(|unit| Some((unit, axis_unit(unit).err()?))).next() {
+        return unfit("unit of an axis is", format!("{unit:?}"), &expected, "give it with `unit`");
     }
     let stamps = info.time.as_ref().map_or(0, |axis| axis.stamps.len());
     if stamps > MAX_STAMPS {

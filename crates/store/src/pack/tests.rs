@@ -154,12 +154,52 @@ fn packed<T: Voxel>(source: &Array<T>, options: &PackOptions) -> BTreeMap<PathBu
 #[test]
 fn a_store_whose_channels_have_names_colors_and_windows_is_sound() {
     let mut source = Array::<u8>::series([20, 20, 20], 1, 2, |_, p| value(p) as u8);
-    let look = ChannelLook { name: Some("DAPI".into()), color: Some([40, 90, 255]), window: Some([3.0, 90.0]) };
+    let look = ChannelLook {
+        name: Some("DAPI".into()),
+        color: Some([40, 90, 255]),
+        window: Some([3.0, 90.0]),
+        unit: Some("HU".into()),
+    };
     source.info.channel_looks = vec![look, ChannelLook::default()];
     let dir = tempfile::tempdir().unwrap();
     let store = dir.path().join("s.zarr");
     pack(&source, &store, &options(VoxelType::U8), &()).unwrap();
     assert_eq!(crate::verify::verify(&store, |_, _| {}).unwrap().problems, []);
+    let units: Vec<_> =
+        Store::open(&store).unwrap().channel_displays().iter().map(|display| display.unit.clone()).collect();
+    assert_eq!(units, [Some("HU".to_owned()), None]);
+    source.info.channel_looks[0].unit = Some("a\nb".into());
+    let refused = pack(&source, &dir.path().join("t.zarr"), &options(VoxelType::U8), &()).unwrap_err().to_string();
+    assert!(refused.contains("unit of values") && refused.contains("control"), "{refused}");
+}
+
+/// Other programs see lengths only, and each axis has its unit back, in both pyramids.
+#[test]
+fn unlike_axes_keep_their_units() {
+    for (units, seen) in [
+        (["degree", "degree", "hPa"], [None; 3]),
+        (["um", "mm", "hPa"], [Some("micrometer"), Some("micrometer"), None]),
+        (["um", "mm", ""], [Some("micrometer"), Some("micrometer"), None]),
+        (["um", "mm", "m"], [Some("micrometer"); 3]),
+    ] {
+        let mut source = Array::<u8>::series([20, 20, 20], 1, 1, |_, p| value(p) as u8);
+        source.info.geometry.take_units(units);
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("s.zarr");
+        let two = PackOptions { downsample: "mean,max".parse().unwrap(), ..options(VoxelType::U8) };
+        pack(&source, &path, &two, &()).unwrap();
+        let root = std::fs::read_to_string(path.join("zarr.json")).unwrap();
+        let root: serde_json::Value = serde_json::from_str(&root).unwrap();
+        let axes = &root["attributes"]["ome"]["multiscales"][0]["axes"];
+        let found = [2, 1, 0].map(|axis| axes[axis]["unit"].as_str().map(str::to_owned));
+        assert_eq!(found, seen.map(|unit| unit.map(str::to_owned)), "{units:?}");
+        assert_eq!(Store::open(&path).unwrap().geometry(), &source.info.geometry);
+        assert_eq!(
+            Store::open_reduced(&path, Downsample::Max, IoMode::default()).unwrap().geometry(),
+            &source.info.geometry
+        );
+        assert_eq!(crate::verify::verify(&path, |_, _| {}).unwrap().problems, []);
+    }
 }
 
 pub(crate) fn level_voxels(store: &Store, time: u32, channel: u32, level: Level) -> Vec<f64> {

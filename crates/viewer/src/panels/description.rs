@@ -36,8 +36,10 @@ pub(crate) struct Description {
     channels: u32,
     /// The distance between centres of voxels.
     spacing: Option<DVec3>,
-    /// Its unit; empty is the file's own.
+    /// Its unit, or those of x, y and z with commas between; empty is the file's own.
     unit: String,
+    /// The unit of the values; empty is the file's own.
+    value_unit: String,
     labels: bool,
     /// Whether numbers without an exact voxel value may be rounded.
     allow_lossy: bool,
@@ -71,6 +73,7 @@ impl Description {
             channels: count(self.channels),
             spacing: self.spacing,
             unit: (!self.unit.is_empty()).then(|| self.unit.clone()),
+            value_unit: Some(self.value_unit.trim()).filter(|unit| !unit.is_empty() && !self.labels).map(str::to_owned),
             allow_lossy: self.allow_lossy,
             scratch_dir: base.files.scratch_dir.clone(),
             ..OpenOptions::default()
@@ -84,6 +87,11 @@ impl Description {
         let hint =
             "whole numbers as names of things, from a segmentation: each has a colour, and they are never averaged";
         row(ui, "values", hint, |ui, _| ui.checkbox(&mut self.labels, "the voxels are labels").on_hover_text(hint));
+        let hint = "the unit of the values, such as HU; empty: the file's own";
+        row(ui, "value unit", hint, |ui, label| {
+            let field = TextEdit::singleline(&mut self.value_unit).desired_width(70.0);
+            ui.add_enabled(!self.labels, field).labelled_by(label).on_hover_text(hint);
+        });
         self.size_of_voxels(ui);
         let hint = "axis letters of an array, slowest first, such as tzyx; empty: the file's, or the usual ones";
         row(ui, "axes", hint, |ui, label| {

@@ -4,6 +4,7 @@
 use crate::drag::drag_by;
 use brickyard::store::Histogram;
 use brickyard::volume::numbers::within_span;
+use brickyard::volume::units::with_unit;
 use eframe::egui::{Color32, CursorIcon, Id, Rect, Response, Sense, Stroke, Ui, pos2, vec2};
 
 const HEIGHT: f32 = 54.0;
@@ -20,7 +21,7 @@ enum Handle {
 }
 
 /// Shows a histogram and the window over it. Returns the dragged window, the least value first.
-pub(crate) fn show(ui: &mut Ui, histogram: &Histogram, window: [f64; 2]) -> Option<[f64; 2]> {
+pub(crate) fn show(ui: &mut Ui, histogram: &Histogram, window: [f64; 2], unit: Option<&str>) -> Option<[f64; 2]> {
     let width = ui.available_width();
     let (area, response) = ui.allocate_exact_size(vec2(width, HEIGHT), Sense::click_and_drag());
     let axis = Axis::new(histogram, window, area);
@@ -31,7 +32,8 @@ pub(crate) fn show(ui: &mut Ui, histogram: &Histogram, window: [f64; 2]) -> Opti
         Some(_) => response.on_hover_cursor(CursorIcon::ResizeHorizontal),
         None => response,
     };
-    let response = hovered(response, &axis, histogram, "drag an end of the window, or all of it by its middle");
+    let hint = "drag an end of the window, or all of it by its middle";
+    let response = hovered(response, &axis, histogram, unit, hint);
     scale_menu(&response);
     let held: Id = response.id.with("held");
     if let Some(pointer) = response.interact_pointer_pos().filter(|_| response.drag_started()) {
@@ -107,12 +109,19 @@ fn dragged([low, high]: [f64; 2], handle: Handle, by: f64, least: f64) -> [f64; 
 }
 
 /// Shows the value under the pointer with its bin's voxel count, above the hint.
-pub(crate) fn hovered(response: Response, axis: &Axis, histogram: &Histogram, hint: &str) -> Response {
+pub(crate) fn hovered(
+    response: Response,
+    axis: &Axis,
+    histogram: &Histogram,
+    unit: Option<&str>,
+    hint: &str,
+) -> Response {
     let Some(pointer) = response.hover_pos() else { return response };
     let value = axis.value(pointer.x);
     let bin = ((value - histogram.low) / histogram.width).floor();
     let count = if bin >= 0.0 { histogram.counts.get(bin as usize).copied().unwrap_or(0) } else { 0 };
-    let text = format!("{}: {} voxels near it\n{hint}", within_span(value, axis.span()), grouped(count));
+    let value = with_unit(&within_span(value, axis.span()), unit);
+    let text = format!("{value}: {} voxels near it\n{hint}", grouped(count));
     response.on_hover_text_at_pointer(text)
 }
 
@@ -212,7 +221,7 @@ mod tests {
     fn harness<'a>() -> Harness<'a, [f64; 2]> {
         let histogram = Histogram { low: 0.0, width: 1.0, counts: (0..256).map(|bin| bin * 5000).collect() };
         let show = move |ui: &mut Ui, window: &mut [f64; 2]| {
-            *window = show(ui, &histogram, *window).unwrap_or(*window);
+            *window = show(ui, &histogram, *window, Some("HU")).unwrap_or(*window);
         };
         Harness::builder().with_size(vec2(272.0, 200.0)).build_ui_state(show, [64.0, 128.0])
     }
@@ -236,7 +245,7 @@ mod tests {
         let mut harness = harness();
         harness.hover_at(pos2(136.0, 30.0));
         harness.run_steps(60);
-        assert!(harness.query_all_by_label_contains("128: 640\u{2009}000 voxels near it").next().is_some());
+        assert!(harness.query_all_by_label_contains("128 HU: 640\u{2009}000 voxels near it").next().is_some());
     }
 
     #[test]

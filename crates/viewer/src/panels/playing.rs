@@ -9,6 +9,7 @@ use brickyard::pager::{Ending, Policy};
 use brickyard::session::ComingStep;
 use brickyard::volume::Timeline;
 use brickyard::volume::numbers::within_span;
+use brickyard::volume::units::with_unit;
 use eframe::egui::containers::menu::{MenuButton, MenuConfig};
 use eframe::egui::{
     Align, Color32, Layout, Painter, PopupCloseBehavior, Pos2, Rect, Response, Sense, Ui, WidgetInfo, pos2, vec2,
@@ -39,6 +40,8 @@ pub(crate) struct Steps<'a> {
     pub(crate) seen: Option<u32>,
     pub(crate) coming: &'a [ComingStep],
     pub(crate) curve: Option<&'a ValueCurve>,
+    /// Unit of the curve's values, if all channels have one; else empty.
+    pub(crate) unit: &'a str,
 }
 
 /// Reserves room for the row, to be [shown](show) once the pictures are drawn, so that it names their step.
@@ -104,7 +107,9 @@ fn words(time: u32, steps: &Steps<'_>) -> String {
             false => write!(words, "{before}{}", within_span(*value, high - low)),
         };
     }
-    let _ = write!(words, "\n{} to {} over time", within_span(low, high - low), within_span(high, high - low));
+    let unit = Some(steps.unit).filter(|unit| !unit.is_empty());
+    let high_in_unit = with_unit(&within_span(high, high - low), unit);
+    let _ = write!(words, "\n{} to {high_in_unit} over time", within_span(low, high - low));
     words
 }
 
@@ -194,7 +199,7 @@ mod tests {
         };
         let show = move |ui: &mut Ui, (time, play): &mut (u32, Play)| {
             let curve = Some(&curve).filter(|_| play.curve);
-            show(ui, time, play, &Steps { timeline: &timeline, seen: None, coming: &coming, curve });
+            show(ui, time, play, &Steps { timeline: &timeline, seen: None, coming: &coming, curve, unit: "K" });
         };
         Harness::builder().with_size(vec2(700.0, 300.0)).build_ui_state(show, (7, Play::default()))
     }
@@ -248,6 +253,6 @@ mod tests {
         }
         let play = harness.state().1;
         assert_eq!((play.backward, play.ending, play.policy), (true, Ending::Bounce, Policy::EveryStep));
-        assert!(play.curve && harness.query_by_label_contains("voxel 3, 4, 5: 49\n0 to 9801 over time").is_some());
+        assert!(play.curve && harness.query_by_label_contains("voxel 3, 4, 5: 49\n0 to 9801 K over time").is_some());
     }
 }

@@ -19,6 +19,12 @@ pub(crate) fn shown_window(planes: &Planes, scene: &Scene, volumes: &[VolumeSour
     Some(planes.window.unwrap_or_else(|| shown(&scene.layers[layer], volume)))
 }
 
+/// The unit of that window, if known.
+pub(crate) fn window_unit<'a>(scene: &Scene, volumes: &'a [VolumeSource]) -> Option<&'a str> {
+    let layer = first_shown(scene)?;
+    volumes.get(scene.store(layer))?.value_unit(scene.layers[layer].channel)
+}
+
 /// The window after a drag by parts of a picture's height: wider to the right, brighter upwards.
 pub(crate) fn dragged([low, high]: [f64; 2], right: f64, down: f64) -> [f64; 2] {
     let width = (high - low) * (2.0 * right).exp();
@@ -43,7 +49,8 @@ fn window_of(ui: &mut Ui, planes: &mut Planes, scene: &Scene, volumes: &[VolumeS
     let [low, high] = window;
     let hint = "the values of black and white in the slices, of the first visible layer; or drag in a slice with the \
                 right button";
-    planes.window = widgets::window(ui, hint, window, high - low, (hint, hint)).or(planes.window);
+    let unit = window_unit(scene, volumes);
+    planes.window = widgets::window(ui, hint, window, high - low, (hint, hint), unit).or(planes.window);
     row(ui, "", "", |ui, _| {
         ui.horizontal_wrapped(|ui| {
             ui.spacing_mut().item_spacing.x = 4.0;

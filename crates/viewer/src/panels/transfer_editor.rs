@@ -7,13 +7,14 @@ mod points;
 mod strip;
 
 use crate::panels::layers::style;
-use crate::panels::widgets::{ANY, color, group, number, problem_color, row};
+use crate::panels::widgets::{ANY, color, group, number, problem_color, row, suffix};
 use brickyard::session::VolumeSource;
-use brickyard::store::Histogram;
 use brickyard::text_file::read_text;
 use brickyard::volume::transfer::file;
+use brickyard::volume::units::name_in_unit;
 use brickyard::volume::{SceneLayer, TransferChoice, TransferFile, TransferFunction};
 use eframe::egui::{Button, Id, Key, Modifiers, PointerButton, Pos2, Response, RichText, TextEdit, Ui, Vec2};
+use plot::Counts;
 use points::{add_point, move_point, remove_point, simplified};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -60,14 +61,15 @@ impl Default for State {
 pub(crate) fn show(ui: &mut Ui, layer: &mut SceneLayer, volume: &VolumeSource, saved: &mut Vec<SavedFunction>) {
     let channel = volume.statistics(layer.channel);
     let histogram = channel.map(|channel| &channel.histogram);
-    group(ui, "transfer function", HINT, |ui| edit(ui, layer, volume, histogram, saved));
+    let counts = Counts { histogram, unit: volume.value_unit(layer.channel) };
+    group(ui, "transfer function", HINT, |ui| edit(ui, layer, volume, counts, saved));
 }
 
 fn edit(
     ui: &mut Ui,
     layer: &mut SceneLayer,
     volume: &VolumeSource,
-    histogram: Option<&Histogram>,
+    counts: Counts<'_>,
     saved: &mut Vec<SavedFunction>,
 ) {
     let key: Id = ui.scope_id().with("editor");
@@ -75,11 +77,11 @@ fn edit(
     if let Ok(before) = volume.function(layer) {
         let mut function = before.clone();
         let ends = ends(layer, volume, &before, state.is_zoomed);
-        plot::show(ui, &mut function, histogram, ends, &mut state.selected);
+        plot::show(ui, &mut function, counts, ends, &mut state.selected);
         let mut colors = few(&function.color);
         let shown = colors.clone();
         strip::show(ui, &function, &mut colors, ends, &mut state.selected);
-        selected(ui, &mut function, &mut colors, ends, &mut state.selected);
+        selected(ui, &mut function, &mut colors, Span { ends, unit: counts.unit }, &mut state.selected);
         if colors != shown {
             function.color = colors;
         }
@@ -109,6 +111,13 @@ fn least([low, high]: [f64; 2]) -> f64 {
     (high - low) / 400.0
 }
 
+/// The edited values, and their unit if it is known.
+#[derive(Clone, Copy)]
+struct Span<'a> {
+    ends: [f64; 2],
+    unit: Option<&'a str>,
+}
+
 /// The editable colour points.
 fn few(colors: &[[f64; 4]]) -> Vec<[f64; 4]> {
     if colors.len() > FEW_COLORS { simplified(colors, TOLERANCE) } else { colors.to_vec() }
@@ -118,19 +127,19 @@ fn selected(
     ui: &mut Ui,
     function: &mut TransferFunction,
     colors: &mut Vec<[f64; 4]>,
-    ends: [f64; 2],
+    span: Span<'_>,
     selected: &mut Option<Point>,
 ) {
     row(ui, "point", "the clicked point: its value, and its opacity or colour", |ui, label| {
         let gone = match *selected {
             Some(Point::Opacity(i)) if i < function.opacity.len() => {
-                value(ui, label, &mut function.opacity, i, ends);
+                value(ui, label, &mut function.opacity, i, span);
                 let alpha = &mut function.opacity[i][1];
                 number(ui, alpha, 0.0..=1.0, 1.0, 48.0, "").labelled_by(label).on_hover_text("opacity, 0 to 1");
                 is_removed(ui, &mut function.opacity, i, FEWEST)
             }
             Some(Point::Color(i)) if i < colors.len() => {
-                value(ui, label, colors, i, ends);
+                value(ui, label, colors, i, span);
                 let [_, r, g, b] = colors[i];
                 let mut shown = [r, g, b];
                 if color(ui, &mut shown).labelled_by(label).changed() {
@@ -150,10 +159,11 @@ fn selected(
 }
 
 /// Shows the value of a point of a list.
-fn value<const N: usize>(ui: &mut Ui, label: Id, points: &mut [[f64; N]], index: usize, ends: [f64; 2]) {
+fn value<const N: usize>(ui: &mut Ui, label: Id, points: &mut [[f64; N]], index: usize, span: Span<'_>) {
+    let Span { ends, unit } = span;
     let mut value = points[index][0];
-    let field = number(ui, &mut value, ANY, ends[1] - ends[0], 58.0, "").labelled_by(label);
-    if field.on_hover_text("value").changed() {
+    let field = number(ui, &mut value, ANY, ends[1] - ends[0], 58.0, suffix(unit)).labelled_by(label);
+    if field.on_hover_text(name_in_unit("value", unit)).changed() {
         move_point(points, index, value, [f64::NEG_INFINITY, f64::INFINITY], least(ends));
     }
 }

@@ -13,6 +13,7 @@ use crate::command::Command;
 use crate::panels::mending::set_mode;
 use crate::panels::reason;
 use crate::panels::widgets::{Scale, color, count, group, row, slider};
+use brickyard::overlay::{axis_units, unit};
 use brickyard::session::VolumeSource;
 use brickyard::volume::scene::VolumePlace;
 use brickyard::volume::{Mode, Projection, Scene, Viewpoint};
@@ -27,6 +28,8 @@ struct World<'a> {
     is_anatomical: bool,
     /// The unit of its distances; empty if unknown.
     unit: &'a str,
+    /// The units of its axes; empty where unknown.
+    axis_units: [&'a str; 3],
 }
 
 impl<'a> World<'a> {
@@ -35,7 +38,8 @@ impl<'a> World<'a> {
         let shown = scene.world_box(&places).ok().filter(|(low, high)| low.is_finite() && high.is_finite());
         let (low, high) = shown.unwrap_or((DVec3::ZERO, DVec3::ONE));
         let is_anatomical = scene.is_anatomical(&places);
-        Self { low, high, is_anatomical, unit: brickyard::overlay::unit(volumes, is_anatomical) }
+        let (unit, axis_units) = (unit(volumes, is_anatomical), axis_units(volumes, is_anatomical));
+        Self { low, high, is_anatomical, unit, axis_units }
     }
 
     fn middle(&self) -> DVec3 {
@@ -46,6 +50,12 @@ impl<'a> World<'a> {
     fn sides(&self) -> impl Iterator<Item = (&'static str, Viewpoint)> {
         let is_anatomical = self.is_anatomical;
         Viewpoint::all().filter(move |(_, side)| matches!(side, Viewpoint::Patient(_)) == is_anatomical)
+    }
+
+    /// The unit of distances along a direction: an axis's own.
+    fn unit_along(&self, direction: DVec3) -> &'a str {
+        let axis = (0..3).find(|axis| direction[*axis].abs() > 1.0 - 1e-9);
+        axis.map_or(self.unit, |axis| self.axis_units[axis])
     }
 
     /// Length of its diagonal.
@@ -65,7 +75,7 @@ fn moved(ui: &mut Ui, hint: &str, along: DVec3, point: DVec3, world: &World<'_>)
     let (least, greatest) = world.extent_along(along);
     let before = along.dot(point);
     let mut at = before;
-    slider(ui, "position", hint, &mut at, Scale::Linear, least..=greatest, world.unit);
+    slider(ui, "position", hint, &mut at, Scale::Linear, least..=greatest, world.unit_along(along));
     along * (at - before)
 }
 

@@ -2,6 +2,7 @@
 //! Showing them never changes a value, so a scene without input stays as it is.
 
 use brickyard::volume::numbers::within_span;
+use brickyard::volume::units::name_in_unit;
 use eframe::egui::{
     Align, CollapsingHeader, Color32, ComboBox, DragValue, Id, Label, Layout, RangeSlider, Response, RichText,
     ScrollArea, Slider, SliderClamping, TextEdit, Ui, UiBuilder, Visuals, vec2,
@@ -106,6 +107,12 @@ pub(crate) fn number(
     ui.add(number)
 }
 
+/// A unit of values, if it is short enough to stand behind a number in a panel.
+pub(crate) fn suffix(unit: Option<&str>) -> &str {
+    const MOST_CHARS: usize = 5;
+    unit.filter(|unit| unit.chars().count() <= MOST_CHARS).unwrap_or_default()
+}
+
 /// The scale of a slider.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Scale {
@@ -152,12 +159,15 @@ pub(crate) fn window(
     shown: [f64; 2],
     span: f64,
     (least, greatest): (&str, &str),
+    unit: Option<&str>,
 ) -> Option<[f64; 2]> {
+    let [least, greatest] = [least, greatest].map(|hint| name_in_unit(hint, unit));
+    let suffix = suffix(unit);
     row(ui, "window", hint, |ui, label| {
         let width = 0.5 * (ui.available_width() - ui.spacing().item_spacing.x);
         let mut typed = shown;
-        number(ui, &mut typed[0], ANY, span, width, "").labelled_by(label).on_hover_text(least);
-        number(ui, &mut typed[1], ANY, span, width, "").labelled_by(label).on_hover_text(greatest);
+        number(ui, &mut typed[0], ANY, span, width, suffix).labelled_by(label).on_hover_text(least);
+        number(ui, &mut typed[1], ANY, span, width, suffix).labelled_by(label).on_hover_text(greatest);
         (typed != shown && typed[0] < typed[1]).then_some(typed)
     })
 }

@@ -7,6 +7,7 @@ use super::round::ticks;
 use super::{World, axis_names};
 use brickyard_volume::box_corners;
 use brickyard_volume::numbers::within_span;
+use brickyard_volume::units::name_in_unit;
 use glam::{DVec3, Vec2, vec2};
 
 /// Distance between ticks, in points.
@@ -74,7 +75,7 @@ pub fn draw_ticks(lens: &mut Lens<'_>, world: &World<'_>, taken: &mut Vec<Area>)
             write(lens, [14.0, -18.0].map(|by| place + by * outward), &text, taken);
         }
         let name = axis_names(world.is_anatomical)[axis];
-        let text = if world.unit.is_empty() { name.to_string() } else { format!("{name} ({})", world.unit) };
+        let text = name_in_unit(name, Some(world.axis_units[axis]));
         name_axis(lens, [start, end, 34.0 * outward], &text, Pen::Axis(axis), taken);
     }
 }

@@ -7,6 +7,7 @@ use super::{layer_name, short_name};
 use crate::session::resolve::expression_look;
 use crate::session::volume_source::VolumeSource;
 use brickyard_volume::numbers::within_span;
+use brickyard_volume::units::name_in_unit;
 use brickyard_volume::{Mode, Scene, TransferFunction};
 use glam::{Vec2, vec2};
 
@@ -44,6 +45,8 @@ pub struct Bar {
     name: String,
     /// Number of the other layers.
     others: usize,
+    /// Unit of the values, if known.
+    unit: Option<String>,
     pub(super) function: TransferFunction,
     /// Round values with their text.
     pub(super) ticks: Vec<(f64, String)>,
@@ -55,7 +58,7 @@ pub fn bars(scene: &Scene, volumes: &[VolumeSource]) -> Vec<Bar> {
     if let Some(expression) = &scene.expression {
         let has_all = (0..scene.layers.len()).all(|layer| scene.store(layer) < volumes.len());
         let look = has_all.then(|| expression_look(volumes, scene).ok().flatten()).flatten();
-        return look.and_then(|(_, function)| Bar::new(&expression.text, function)).into_iter().collect();
+        return look.and_then(|(_, function)| Bar::new(&expression.text, None, function)).into_iter().collect();
     }
     let shown = (0..scene.layers.len()).filter(|&layer| scene.layers[layer].visible);
     let bar = |layer: usize| {
@@ -64,7 +67,8 @@ pub fn bars(scene: &Scene, volumes: &[VolumeSource]) -> Vec<Bar> {
         if scene.mode == Mode::Isosurface && surfaces.iter().all(|surface| surface.color.is_some()) {
             return None;
         }
-        Bar::new(&layer_name(scene, volumes, layer), volume.function(&scene.look(layer)).ok()?)
+        let unit = volume.value_unit(scene.layers[layer].channel);
+        Bar::new(&layer_name(scene, volumes, layer), unit, volume.function(&scene.look(layer)).ok()?)
     };
     let mut bars: Vec<Bar> = Vec::new();
     for bar in shown.filter_map(bar) {
@@ -114,18 +118,27 @@ pub fn draw(canvas: &mut dyn Canvas, bars: &[Bar], taken: &mut Vec<Area>) {
 
 impl Bar {
     /// Creates the bar of a function; `None` if it has a single value.
-    fn new(name: &str, function: TransferFunction) -> Option<Self> {
+    fn new(name: &str, unit: Option<&str>, function: TransferFunction) -> Option<Self> {
         let (low, high) = function.span();
         let ticks = ticks(low, high, 4.0).into_iter().map(|tick| (tick, within_span(tick, high - low))).collect();
-        (low < high).then_some(Self { name: short_name(name, LONGEST), others: 0, function, ticks })
+        (low < high).then_some(Self {
+            name: short_name(name, LONGEST),
+            unit: unit.map(|unit| short_name(unit, LONGEST)),
+            others: 0,
+            function,
+            ticks,
+        })
     }
 
     fn is_like(&self, other: &Self) -> bool {
-        self.function.color == other.function.color && self.function.span() == other.function.span()
+        self.unit == other.unit
+            && self.function.color == other.function.color
+            && self.function.span() == other.function.span()
     }
 
     pub(super) fn title(&self) -> String {
-        if self.others == 0 { self.name.clone() } else { format!("{} +{}", self.name, self.others) }
+        let name = if self.others == 0 { self.name.clone() } else { format!("{} +{}", self.name, self.others) };
+        name_in_unit(&name, self.unit.as_deref())
     }
 
     /// The width of the bar with its texts, in points.

@@ -71,7 +71,7 @@ fn metadata_may_be_in_another_file() {
 
 #[test]
 fn names_and_colours_are_those_of_channels() {
-    let named = ChannelLook { name: Some("A & µ<".into()), color: Some([255, 0, 0]), window: None };
+    let named = ChannelLook { name: Some("A & µ<".into()), color: Some([255, 0, 0]), window: None, unit: None };
     let d = described(r#"<Channel ID="d" Name=" A &amp; &#181;&lt;" Color="-16776961"/>"#);
     assert_eq!(d.channel_looks, [ChannelLook::default(), named]);
     assert!(problem(&OME.replace("INSIDE", "<Channel SamplesPerPixel='3'/>")).contains("different SamplesPerPixel"));

@@ -51,7 +51,8 @@ fn voxels(ui: &mut Ui, volume: &VolumeSource) {
     let stride = volume.stride().map(f64::from);
     let size = geometry.spacing / DVec3::from_array(stride);
     let [x, y, z] = size.to_array().map(|length| significant(length, 4));
-    let text = format!("{x} x {y} x {z} {}", geometry.unit.as_deref().unwrap_or("(no unit)"));
+    let unit = geometry.units_in_words();
+    let text = format!("{x} x {y} x {z} {}", unit.as_deref().unwrap_or("(no unit)"));
     let hint = "from the file, or set when it was opened (Open..., missing from the file)";
     row(ui, "voxel size", hint, |ui, _| ui.add(Label::new(text).truncate()).on_hover_text(hint));
 }

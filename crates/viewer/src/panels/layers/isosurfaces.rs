@@ -1,7 +1,7 @@
 //! The isosurfaces of a layer: their values, colours and opacities, as a list.
 
 use crate::panels::mending::drop_idle_lights;
-use crate::panels::widgets::{Scale, group, list, opacity, own_color, row, slider};
+use crate::panels::widgets::{Scale, group, list, opacity, own_color, row, slider, suffix};
 use brickyard::session::VolumeSource;
 use brickyard::volume::surface::MAX_SURFACES;
 use brickyard::volume::{Isosurface, Mode, Scene};
@@ -15,13 +15,14 @@ pub(crate) fn show(ui: &mut Ui, scene: &mut Scene, layer: usize, volume: &Volume
             scene.mode.is_projection().then_some("a projection shows no surfaces: choose mode dvr or isosurface");
         let keep_last = scene.mode == Mode::Isosurface && others(scene, layer) == 0;
         let (least, greatest) = volume.source.channel_range(scene.layers[layer].channel);
+        let unit = suffix(volume.value_unit(scene.layers[layer].channel));
         let seen = volume.function(&scene.layers[layer]).ok();
         let surfaces = &mut scene.layers[layer].isosurfaces;
         let is_only = surfaces.len() == 1;
         let mut values: Vec<f64> = surfaces.iter().map(|surface| surface.value).collect();
         let is_one_removed = list(ui, surfaces, |ui, i, surface| {
             let hint = "the value on the surface, in stored units";
-            slider(ui, "value", hint, &mut surface.value, Scale::Linear, least..=greatest, "");
+            slider(ui, "value", hint, &mut surface.value, Scale::Linear, least..=greatest, unit);
             if values.iter().enumerate().any(|(other, value)| other != i && *value == surface.value) {
                 // Two surfaces in one place would be indistinguishable.
                 surface.value = values[i];

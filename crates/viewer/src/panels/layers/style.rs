@@ -61,12 +61,12 @@ fn window(ui: &mut Ui, layer: &mut SceneLayer, volume: &VolumeSource) {
     let [low, high] = shown;
     let is_flat = low >= high;
     let drawn = ui.add_enabled_ui(!is_flat, |ui| {
-        let statistics = volume.statistics(layer.channel);
-        let dragged = statistics.and_then(|channel| histogram::show(ui, &channel.histogram, shown));
+        let (statistics, unit) = (volume.statistics(layer.channel), volume.value_unit(layer.channel));
+        let dragged = statistics.and_then(|channel| histogram::show(ui, &channel.histogram, shown, unit));
         let (least, greatest) = volume.source.channel_range(layer.channel);
         let span = (greatest - least).max(high - low);
         let hint = "the values of the first and the last colour, in stored units";
-        let typed = widgets::window(ui, hint, shown, span, ("least value", "greatest value"));
+        let typed = widgets::window(ui, hint, shown, span, ("least value", "greatest value"), unit);
         if let Some(window) = typed.or(dragged).filter(|[low, high]| low < high && (high - low).is_finite()) {
             layer.window = Some(window);
         }

@@ -23,14 +23,14 @@ const HINT: &str = "drag a point; double click, or click on the curve, to add on
 pub(super) fn show(
     ui: &mut Ui,
     function: &mut TransferFunction,
-    histogram: Option<&Histogram>,
+    counts: Counts<'_>,
     ends: [f64; 2],
     selected: &mut Option<Point>,
 ) {
     let size = vec2(ui.available_width(), HEIGHT);
     let (area, response) = ui.allocate_exact_size(size, Sense::click_and_drag());
     response.widget_info(|| WidgetInfo::labeled(Role::Canvas, ui.is_enabled(), "opacity curve"));
-    let plot = Plot { axis: Axis::over(ends, area.shrink(MARGIN)), ends, histogram };
+    let plot = Plot { axis: Axis::over(ends, area.shrink(MARGIN)), ends, counts };
     plot.draw(ui, function, *selected, &response);
     let response = plot.hover(response, function);
     plot.drag(ui, &response, function, selected);
@@ -49,10 +49,17 @@ pub(super) fn show(
     }
 }
 
+/// How often the values occur, and their unit, as far as known.
+#[derive(Clone, Copy)]
+pub(super) struct Counts<'a> {
+    pub(super) histogram: Option<&'a Histogram>,
+    pub(super) unit: Option<&'a str>,
+}
+
 struct Plot<'a> {
     axis: Axis,
     ends: [f64; 2],
-    histogram: Option<&'a Histogram>,
+    counts: Counts<'a>,
 }
 
 impl Plot<'_> {
@@ -117,8 +124,8 @@ impl Plot<'_> {
         let Some(pointer) = response.hover_pos().filter(|_| !response.dragged()) else { return response };
         let [value, _] = self.at(pointer);
         let text = format!("opacity {:.3}\n{HINT}", function.alpha(value));
-        match self.histogram {
-            Some(histogram) => histogram::hovered(response, &self.axis, histogram, &text),
+        match self.counts.histogram {
+            Some(histogram) => histogram::hovered(response, &self.axis, histogram, self.counts.unit, &text),
             None => response.on_hover_text_at_pointer(text),
         }
     }
@@ -129,7 +136,7 @@ impl Plot<'_> {
         painter.rect_filled(area, 2.0, visuals.extreme_bg_color);
         // Not translucent: bars meet each other.
         let faint = visuals.extreme_bg_color.lerp_to_gamma(visuals.weak_text_color(), 0.4);
-        if let Some(histogram) = self.histogram {
+        if let Some(histogram) = self.counts.histogram {
             histogram::bars(ui, &self.axis, histogram, |_| faint);
         }
         painter.add(self.fill(area, function));

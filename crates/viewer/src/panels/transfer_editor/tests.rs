@@ -10,7 +10,10 @@ type Edited = (SceneLayer, Vec<SavedFunction>);
 
 fn harness<'a>(layer: SceneLayer) -> Harness<'a, Edited> {
     let (volume, histogram) = (fixture::volumes().swap_remove(0), fixture::histogram());
-    let show = move |ui: &mut Ui, (layer, saved): &mut Edited| edit(ui, layer, &volume, Some(&histogram), saved);
+    let show = move |ui: &mut Ui, (layer, saved): &mut Edited| {
+        let counts = Counts { histogram: Some(&histogram), unit: None };
+        edit(ui, layer, &volume, counts, saved);
+    };
     // Fine time steps, so that two clicks can follow each other at once.
     let builder = Harness::builder().with_size(vec2(276.0, 360.0)).with_step_dt(0.02).with_max_steps(200);
     builder.build_ui_state(show, (layer, Vec::new()))

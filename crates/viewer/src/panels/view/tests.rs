@@ -217,7 +217,8 @@ fn planes_are_added_by_buttons_that_stay() {
 
 #[test]
 fn planes_of_a_patient_are_named_by_its_sides() {
-    let world = World { low: DVec3::ZERO, high: DVec3::splat(2.0), is_anatomical: true, unit: "mm" };
+    let world =
+        World { low: DVec3::ZERO, high: DVec3::splat(2.0), is_anatomical: true, unit: "mm", axis_units: ["mm"; 3] };
     let show = move |ui: &mut Ui, scene: &mut Scene| clipping::show(ui, scene, &world);
     let mut harness = Harness::new_ui_state(show, Scene::default());
     for name in ["clip planes", "left", "superior"] {
