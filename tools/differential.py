@@ -25,7 +25,7 @@ hdf5plugin==7.1.0
 imagecodecs==2026.3.6
 imageio==2.38.1
 mrcfile==1.5.4
-netcdf4==1.7.3
+netcdf4==1.7.5.1.post1
 nibabel==5.4.2
 numpy==2.4.6
 pillow==13.0.0

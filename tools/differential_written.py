@@ -10,6 +10,7 @@ import warnings
 import h5py
 import hdf5plugin
 import imagecodecs
+import netCDF4
 import nibabel
 import nrrd
 import numpy as np
@@ -38,6 +39,7 @@ def written_cases(folder, count, seed, kinds=None):
         ("nrrd", write_nrrd, 1),
         ("metaimage", write_meta_image, 1),
         ("hdf5", write_hdf5, 1),
+        ("netcdf", write_netcdf, 1),
         ("dicom", write_dicom, 1),
         ("files", write_files, 4),
         ("pictures", write_pictures, 1),
@@ -545,7 +547,7 @@ def write_hdf5(rng, stem, name):
         "lz4": hdf5plugin.LZ4(),
         "zstd": hdf5plugin.Zstd(),
         "bitshuffle": hdf5plugin.Bitshuffle(cname=pick(rng, "none", "lz4", "zstd")),
-        "blosc": hdf5plugin.Blosc(),
+        "blosc": hdf5plugin.Blosc(cname=pick(rng, "blosclz", "lz4", "lz4hc", "zlib", "zstd"), shuffle=int(rng.integers(3))),
     }
     codec = pick(rng, *filters)
     options = dict(filters[codec])
@@ -574,3 +576,38 @@ def hdf5_reference(path, axes):
     if array.dtype.kind == "c":
         array, axes = np.stack([array.real, array.imag]), "c" + axes
     return Reference(in_five(array, axes.upper()))
+
+
+def write_netcdf(rng, stem, name):
+    form = pick(rng, "NETCDF3_CLASSIC", "NETCDF3_64BIT_OFFSET", "NETCDF3_64BIT_DATA", "NETCDF4", "NETCDF4_CLASSIC")
+    wide = form in ("NETCDF3_64BIT_DATA", "NETCDF4")
+    dtype = pick(rng, "i1", "i2", "i4", "f4", "f8", *(["u1", "u2", "u4", "i8", "u8"] if wide else []))
+    axes = pick(rng, "yx", "zyx", "tyx", "tzyx")
+    array = noise(rng, dtype, *(int(n) for n in rng.integers(2, 12, len(axes))))
+    path = stem.with_suffix(".nc")
+    long_names = {"t": "time", "z": "lev", "y": "lat", "x": "lon"}
+    seen = array
+    with netCDF4.Dataset(path, "w", format=form) as file:
+        for at, (axis, size) in enumerate(zip(axes, array.shape)):
+            file.createDimension(long_names[axis], None if at == 0 and rng.random() < 0.5 else size)
+        turned = rng.random(3) < 0.5
+        is_placed = rng.random() < 0.5
+        for at, (axis, size) in enumerate(zip(axes, array.shape)):
+            if not is_placed:
+                continue
+            line = np.arange(size) * 0.5 + 3
+            if axis != "t" and turned["zyx".index(axis)]:
+                line, seen = line[::-1], np.flip(seen, at)
+            made = file.createVariable(long_names[axis], "f8", (long_names[axis],))
+            made.units = "hours since 2000-01-01" if axis == "t" else "m"
+            made[:] = line
+        data = file.createVariable("data", dtype, [long_names[axis] for axis in axes], fill_value=False)
+        data.set_auto_maskandscale(False)
+        data[:] = array
+        if rng.random() < 0.5:
+            # Records of an odd size beside it.
+            beside = file.createVariable("beside", "i1", (long_names[axes[0]],))
+            beside[:] = np.arange(array.shape[0])
+    case = Case(name, "written", "netcdf", f"{form} {array.dtype.name}", [path], None, [])
+    case.reference = lambda: Reference(in_five(seen, axes.upper()))
+    return case

@@ -52,6 +52,14 @@ pub(crate) mod hdf5 {
         Ok(crate::files::first_bytes(path, 8)? == b"\x89HDF\r\n\x1a\n")
     }
 
+    pub(crate) fn is_spim_data(_: &Path) -> Result<bool> {
+        Ok(false)
+    }
+
+    pub(crate) fn open_spim_data(path: &Path, options: &OpenOptions) -> Result<Box<dyn Source>> {
+        open(path, options)
+    }
+
     pub(crate) fn open(path: &Path, _: &OpenOptions) -> Result<Box<dyn Source>> {
         Err(ImportError::unsupported_but(path, "HDF5", "this program was built without the feature `hdf5`"))
     }

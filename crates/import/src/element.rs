@@ -81,6 +81,26 @@ impl Element {
         }
     }
 
+    /// Stored numbers as f64; 64-bit integers are rounded.
+    pub(crate) fn numbers(self, endian: Endian, bytes: &[u8]) -> Vec<f64> {
+        let ordered = bytes.chunks_exact(self.bytes()).map(|number| {
+            let mut little = [0; 8];
+            little[..number.len()].copy_from_slice(number);
+            if endian == Endian::Big {
+                little[..number.len()].reverse();
+            }
+            little
+        });
+        let value = |little: [u8; 8]| match self {
+            Self::Voxel(voxel_type) => voxel_type.read(&little, 0),
+            Self::F16 => f16::from_le_bytes([little[0], little[1]]).to_f64(),
+            Self::I64 => i64::from_le_bytes(little) as f64,
+            Self::U64 => u64::from_le_bytes(little) as f64,
+            Self::F64 => f64::from_le_bytes(little),
+        };
+        ordered.map(value).collect()
+    }
+
     /// Least and greatest number of this type; for floats the finite ones.
     pub(crate) fn limits(self) -> [f64; 2] {
         match self {
@@ -228,6 +248,13 @@ mod tests {
         let bytes: Vec<u8> = values.iter().flat_map(|v| v.to_be_bytes()).collect();
         assert_eq!(decode(Element::Voxel(VoxelType::F32), Endian::Big, None, &bytes), values.map(f64::from));
         assert_eq!(decode(Element::Voxel(VoxelType::I16), Endian::Big, None, &[0x80, 0, 0, 7]), [-32768.0, 7.0]);
+    }
+
+    #[test]
+    fn numbers_of_either_order_are_read() {
+        assert_eq!(Element::I64.numbers(Endian::Big, &(-5i64).to_be_bytes()), [-5.0]);
+        assert_eq!(Element::F16.numbers(Endian::Little, &[0, 0x3c, 0, 0xc0]), [1.0, -2.0]);
+        assert_eq!(Element::Voxel(VoxelType::U16).numbers(Endian::Big, &[1, 2, 9]), [258.0]);
     }
 
     #[test]

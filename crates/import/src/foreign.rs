@@ -15,9 +15,6 @@ const PICTURES: &str = "convert the pictures of a stack to PNG or TIFF";
 /// Place in a file, the bytes there, the format, and advice.
 const MAGICS: &[(usize, &[u8], &str, &str)] = &[
     (0, b"MATLAB 5.0", "a MATLAB file", CONVERT),
-    (0, b"CDF\x01", "a NetCDF file", CONVERT),
-    (0, b"CDF\x02", "a NetCDF file", CONVERT),
-    (0, b"CDF\x05", "a NetCDF file", CONVERT),
     (0, b"\xc3\x40\xf1", "a SEG-Y file", CONVERT),
     (0, b"C 1 ", "a SEG-Y file", CONVERT),
     (0, b"ZISRAWFILE", "a Zeiss CZI file", CONVERT),

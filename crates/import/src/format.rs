@@ -21,6 +21,8 @@ pub(crate) enum Format {
     Hdf5,
     /// A raw file with a text beside it.
     RawText,
+    Bdv,
+    NetCdf,
     Raw,
 }
 
@@ -106,6 +108,8 @@ impl Format {
             Self::Pvd => ".pvd",
             Self::Hdf5 => "HDF5",
             Self::RawText => "raw (described by .json)",
+            Self::Bdv => "BigDataViewer",
+            Self::NetCdf => "NetCDF",
             Self::Raw => "raw",
         }
     }

@@ -1,10 +1,12 @@
-//! HDF5, and through it NetCDF-4 and Imaris: one dataset of numbers, by its path in the file, or the only one.
+//! HDF5, and through it NetCDF-4, Imaris and BigDataViewer: one dataset of numbers, by its path in the file, or the only one.
 //!
 //! A parser finds groups, attributes and chunks; elements in one piece are mapped like a raw file's, chunks are decoded when a box needs them
 //! and kept for its neighbours. Costs the chunk index when opened, and each chunk about once where boxes follow one another.
 
 mod attributes;
 mod axes;
+mod bdv;
+mod blosclz;
 mod bytes;
 mod cf;
 mod chunks;
@@ -12,19 +14,27 @@ mod file;
 mod filters;
 mod imaris;
 mod layout;
+mod links;
 mod source;
+mod spim_data;
 #[cfg(test)]
 mod tests;
 mod tree;
 mod types;
 
 use crate::axes::{Axis, Sizes};
+use crate::cf::axes::{Dim, order_of};
+use crate::cf::place::place;
+use crate::cf::values_of;
 use crate::error::{ImportError, Result};
+use crate::files::first_bytes;
+use crate::mirrored::Mirrored;
 use crate::note::Note;
 use crate::options::OpenOptions;
 use crate::raw::identity;
 use crate::source::{Source, SourceInfo};
 use attributes::named;
+use bdv::Views;
 use brickyard_volume::ChannelLook;
 use file::File;
 pub(crate) use file::is_hdf5;
@@ -43,7 +53,29 @@ pub(crate) fn open(path: &Path, options: &OpenOptions) -> Result<Box<dyn Source>
     opened
 }
 
+/// Whether a file starts like BigDataViewer's XML.
+pub(crate) fn is_spim_data(path: &Path) -> Result<bool> {
+    const MAGIC: &[u8] = b"<SpimData";
+    let start = first_bytes(path, 1024)?;
+    Ok(start.windows(MAGIC.len()).any(|part| part == MAGIC))
+}
+
+/// Opens the HDF5 file of BigDataViewer's XML.
+pub(crate) fn open_spim_data(path: &Path, options: &OpenOptions) -> Result<Box<dyn Source>> {
+    let told = spim_data::read(path)?;
+    let file = File::open(&told.hdf5)?;
+    let views = Views { setups: told.setups.clone(), times: told.times.clone() };
+    let opened = bdv::open(&file, views, Some((path, &told)), options);
+    file.map.confirm()?;
+    opened
+}
+
 fn open_in(file: &File, options: &OpenOptions) -> Result<Box<dyn Source>> {
+    if let Some(views) = bdv::views_of(file)
+        && options.variable.as_ref().is_none_or(|name| bdv::setup_of(&views, name).is_some())
+    {
+        return bdv::open(file, views, None, options);
+    }
     let mut tree = Tree::of(file)?;
     let (entry, mut notes) = match &options.variable {
         Some(name) => {
@@ -90,12 +122,14 @@ fn open_entry(
     let stored = entry.stored.as_ref().map_err(refuse)?;
     let dims = axes::dims_of(tree, entry);
     let (axes, sizes) = arrange(file, entry, stored, &dims, options)?;
-    let values = cf::values_of(tree, entry, stored);
+    let default_fill = |element| cf::default_fill(tree, entry, element);
+    let values = values_of(&entry.attributes[..], stored.element, stored.endian, default_fill);
     let mut info = SourceInfo::plain(sizes, values.decode.voxel_type());
     info.identity = identity(&format!("hdf5 {what} {axes:?}"), &[&file.path])?;
     info.notes = notes;
     info.notes.extend(values.notes);
-    cf::place(&mut info, tree, entry, &dims, &axes);
+    cf::place(&mut info, tree, entry, &axes);
+    let descend = place(&mut info, &dims, &axes);
     let has_members = !stored.members.is_empty();
     if has_members {
         let look = |name: &String| ChannelLook { name: Some(name.clone()), ..ChannelLook::default() };
@@ -108,10 +142,11 @@ fn open_entry(
         info.set_nodata(value, name);
     }
     let opening = Opening { file, info, axes, decode: values.decode, has_members };
-    Ok(match elements_of(file, &entry.set, stored, what, 0)? {
+    let source: Box<dyn Source> = match elements_of(file, &entry.set, stored, what, 0)? {
         Elements::Piece(start) => Box::new(opening.piece(start, what, options)?),
         Elements::Chunks(chunks) => Box::new(opening.chunks(vec![chunks], options)?),
-    })
+    };
+    Ok(Mirrored::turned(source, descend))
 }
 
 /// Gives each axis of a dataset its letter, and the volume its sizes.
@@ -119,7 +154,7 @@ fn arrange(
     file: &File,
     entry: &Entry,
     stored: &Stored,
-    dims: &[axes::Dim<'_>],
+    dims: &[Dim],
     options: &OpenOptions,
 ) -> Result<(Vec<Axis>, Sizes)> {
     let (shape, what) = (entry.set.shape(), &entry.path);
@@ -127,7 +162,7 @@ fn arrange(
         let feature = format!("{what}, of {} axes (2 to 5 are read),", shape.len());
         return Err(ImportError::unsupported_but(&file.path, feature, "name another dataset with `variable`"));
     }
-    let order = axes::order_of(dims, shape, options.axes.as_ref());
+    let order = order_of(dims, shape, options.axes.as_ref());
     let order = order.map_err(|problem| ImportError::options(&file.path, format!("{what}: {problem}")))?;
     let too_long = || ImportError::unsupported(&file.path, format!("{what} of {shape:?} elements"));
     let lengths: Option<Vec<u32>> = shape.iter().map(|size| u32::try_from(*size).ok()).collect();

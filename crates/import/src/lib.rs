@@ -31,9 +31,12 @@
 mod absent;
 #[cfg(test)]
 mod adapter_tests;
+mod array_choice;
 mod axes;
+pub mod blosc;
 mod body;
 mod bov;
+mod cf;
 mod channels;
 mod choice;
 mod component;
@@ -68,6 +71,7 @@ mod mesh;
 mod meta_image;
 mod mirrored;
 mod mrc;
+mod netcdf;
 mod nifti;
 mod note;
 mod npy;

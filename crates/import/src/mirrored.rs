@@ -5,7 +5,8 @@
 //! the patient, and left stays left. ITK's `FlipImageFilter` does the same. A box is read as in the other source, once, and turned in place.
 
 use crate::error::{ImportError, Result};
-use crate::source::{Access, Source, SourceInfo};
+use crate::source::{Access, Source, SourceInfo, Take};
+use crate::step_time::StepTime;
 use brickyard_volume::{PlacementError, VoxelBox};
 use glam::DVec3;
 
@@ -32,6 +33,11 @@ impl Mirrored {
         }
         info.identity = format!("{}, flip {flip:?}", info.identity);
         Ok(Self { source, info, flip })
+    }
+
+    /// Reverses these axes of a source whose description is that of the result already.
+    pub(crate) fn turned(source: Box<dyn Source>, flip: [bool; 3]) -> Box<dyn Source> {
+        if flip == [false; 3] { source } else { Box::new(Self { info: source.info().clone(), source, flip }) }
     }
 
     fn in_other(&self, region: VoxelBox) -> VoxelBox {
@@ -65,6 +71,10 @@ impl Source for Mirrored {
         self.source.scratch_bytes()
     }
 
+    fn step_time(&self) -> StepTime {
+        self.source.step_time()
+    }
+
     fn read_box(&self, time: u32, channel: u32, region: VoxelBox, out: &mut [u8]) -> Result<(), ImportError> {
         self.info.check_box(time, channel, region, out);
         self.source.read_box(time, channel, self.in_other(region), out)?;
@@ -87,6 +97,15 @@ impl Source for Mirrored {
         Ok(())
     }
 
+    fn lend(&self, time: u32, channel: u32, region: VoxelBox, take: Take<'_>) -> Result<bool, ImportError> {
+        // A box of one voxel along the reversed axes lies as in the source.
+        let extent = region.extent().to_array();
+        match (0..3).all(|axis| !self.flip[axis] || extent[axis] == 1) {
+            true => self.source.lend(time, channel, self.in_other(region), take),
+            false => Ok(false),
+        }
+    }
+
     fn announce(&self, time: u32, channel: u32, region: VoxelBox) {
         self.source.announce(time, channel, self.in_other(region));
     }
@@ -104,5 +123,55 @@ fn reverse(bytes: &mut [u8], piece_bytes: usize) {
         let (between, last) = others.split_at_mut(others.len() - piece_bytes);
         first.swap_with_slice(last);
         rest = between;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::open::open;
+    use crate::options::OpenOptions;
+    use crate::testing::{Field, temp_file};
+    use brickyard_volume::Extent;
+    use brickyard_volume::VoxelType;
+    use proptest::prelude::*;
+
+    proptest! {
+        /// Each voxel of a mirrored box is the source's voxel from the other end.
+        #[test]
+        fn boxes_are_counted_from_the_other_end(
+            along in prop::array::uniform3(any::<bool>()),
+            voxel_type in prop::sample::select(&VoxelType::ALL[..]),
+            ends in prop::array::uniform3((0u32..5, 1u32..5)),
+        ) {
+            let field = Field { sizes: [7, 6, 5, 1, 1], voxel_type };
+            let (_folder, path) = temp_file("a.raw", &field.bytes("zyx", false));
+            let options = OpenOptions {
+                shape: Some(Extent::new(7, 6, 5)), voxel_type: Some(voxel_type), ..OpenOptions::default()
+            };
+            let plain = open(std::slice::from_ref(&path), &options).unwrap();
+            let turned = Mirrored::turned(open(&[path], &options).unwrap(), along);
+            let sizes = [7, 6, 5];
+            let low: [u32; 3] = std::array::from_fn(|a| ends[a].0);
+            let high = std::array::from_fn(|a| (ends[a].0 + ends[a].1).min(sizes[a]));
+            let region = VoxelBox::new(low, high);
+            let extent = region.extent();
+            let bytes = voxel_type.bytes();
+            let mut found = vec![0; extent.volume() as usize * bytes];
+            turned.read_box(0, 0, region, &mut found).unwrap();
+            let mut at = 0;
+            for z in low[2]..high[2] {
+                for y in low[1]..high[1] {
+                    for x in low[0]..high[0] {
+                        let place = [x, y, z];
+                        let from = std::array::from_fn(|a| if along[a] { sizes[a] - 1 - place[a] } else { place[a] });
+                        let mut voxel = vec![0; bytes];
+                        plain.read_box(0, 0, VoxelBox::new(from, from.map(|n| n + 1)), &mut voxel).unwrap();
+                        prop_assert_eq!(&found[at..at + bytes], &voxel[..]);
+                        at += bytes;
+                    }
+                }
+            }
+        }
     }
 }

@@ -26,7 +26,8 @@ use crate::source::{Source, SourceInfo};
 use crate::time::override_time;
 use crate::variable::{check_inputs, split_variable};
 use crate::{
-    bov, dicom, envi, foreign, hdf5, meta_image, mrc, nifti, npy, npz, nrrd, pictures, raw_text, tiff_stack, vtk,
+    bov, dicom, envi, foreign, hdf5, meta_image, mrc, netcdf, nifti, npy, npz, nrrd, pictures, raw_text, tiff_stack,
+    vtk,
 };
 use std::path::{Path, PathBuf};
 
@@ -34,7 +35,7 @@ use std::path::{Path, PathBuf};
 const READ: &str = "raw (.raw, .bin, .dat, or any file with `shape` and `voxel_type`, or with its .json), NumPy .npy and .npz, \
                     NIfTI (.nii, .nii.gz, .hdr with .img), ANALYZE 7.5, NRRD (.nrrd, .nhdr), MetaImage (.mha, .mhd), \
                     MRC and CCP4 (.mrc, .map), VTK images (.vti, .vtk, .pvd), ENVI (.hdr), BOV (.bov), \
-                    HDF5 (.h5, .hdf5, .nc of NetCDF-4, .ims), \
+                    HDF5 (.h5, .hdf5, .ims), BigDataViewer (.xml), NetCDF (.nc), MINC 1 (.mnc), \
                     TIFF (.tif, .tiff, .companion.ome), pictures of a stack (.png, .jpg, .bmp), \
                     DICOM (a folder, files or one file of a series), and folders of files of one of these";
 
@@ -235,6 +236,8 @@ fn open_one(path: &Path, format: Format, options: &OpenOptions) -> Result<Box<dy
         Format::Picture(kind) => pictures::open(&[path.to_owned()], kind, options)?,
         Format::Dicom => dicom::open_file(path, options)?,
         Format::Hdf5 => hdf5::open(path, options)?,
+        Format::NetCdf => netcdf::open(path, options)?,
+        Format::Bdv => hdf5::open_spim_data(path, options)?,
     })
 }
 
@@ -320,6 +323,7 @@ fn format_of_contents(path: &Path, name: &str, start: &[u8]) -> Result<Option<Fo
         () if mrc::has_magic(path)? => Format::Mrc,
         () if is_dicom(start) => Format::Dicom,
         () if starts(&[nrrd::MAGIC]) => Format::Nrrd,
+        () if netcdf::is_netcdf(start) => Format::NetCdf,
         () if meta_image::is_header(start) => Format::MetaImage,
         // ENVI headers share their file name with NIfTI's.
         () if envi::is_envi(start) => Format::Envi,
@@ -327,6 +331,7 @@ fn format_of_contents(path: &Path, name: &str, start: &[u8]) -> Result<Option<Fo
         () if starts(&[b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"]) => Format::Tiff,
         () if npz::is_npz(path, name, start)? => Format::Npz,
         () if hdf5::is_hdf5(path)? => Format::Hdf5,
+        () if hdf5::is_spim_data(path)? => Format::Bdv,
         () if tiff_stack::is_companion(path)? => Format::Tiff,
         () if bov::is_bov(path)? => Format::Bov,
         () if raw_text::is_text(name, start) => Format::RawText,
@@ -355,7 +360,8 @@ fn check_kind(path: &Path) -> Result<()> {
 /// Refuses options without effect on the format: their caller expects other voxels.
 fn check_used(format: Format, path: &Path, options: &OpenOptions) -> Result<()> {
     let has_planes = matches!(format, Format::Tiff | Format::Picture(_));
-    let has_axes = has_planes || matches!(format, Format::Raw | Format::Npy | Format::Npz | Format::Hdf5);
+    let has_axes =
+        has_planes || matches!(format, Format::Raw | Format::Npy | Format::Npz | Format::Hdf5 | Format::NetCdf);
     let counts_axes = format == Format::Raw || has_planes && options.axes.is_some();
     let of_axes = if has_planes { "raw files, and of TIFF and pictures with `axes`" } else { "raw files" };
     let (raw, is_raw) = ("raw files, with `shape`", format == Format::Raw);
@@ -367,12 +373,12 @@ fn check_used(format: Format, path: &Path, options: &OpenOptions) -> Result<()> 
         ("channel_bytes", options.channel_bytes.is_some(), is_raw, raw),
         ("channels", options.channels.is_some(), counts_axes, of_axes),
         ("times", options.times.is_some(), counts_axes, of_axes),
-        ("axes", options.axes.is_some(), has_axes, "raw files, .npy, .npz, HDF5, TIFF and pictures"),
+        ("axes", options.axes.is_some(), has_axes, "raw files, .npy, .npz, HDF5, NetCDF, TIFF and pictures"),
         (
             "variable",
             options.variable.is_some(),
-            matches!(format, Format::Hdf5 | Format::Npz | Format::Vtk | Format::Pvd),
-            "files of several arrays (HDF5, .npz, VTK)",
+            matches!(format, Format::Bdv | Format::Hdf5 | Format::NetCdf | Format::Npz | Format::Vtk | Format::Pvd),
+            "files of several arrays (HDF5, NetCDF, .npz, VTK)",
         ),
         ("gaps", options.gaps != Gaps::default(), format == Format::Dicom, "DICOM series"),
     ];

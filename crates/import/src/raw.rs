@@ -113,8 +113,8 @@ pub struct RawSource {
     info: SourceInfo,
     file: MappedFile,
     array: ArrayLayout,
-    /// Distances of steps and channels; `None` if they lie one after another.
-    spread: Option<Spread>,
+    /// Bytes between neighbours along each axis, in the order of [`Axis`].
+    strides: [u64; 5],
     step_time: StepTime,
 }
 
@@ -144,7 +144,11 @@ impl ArrayLayout {
         SourceInfo::plain(self.sizes, self.decode.voxel_type())
     }
 
-    /// Bytes between neighbours along an axis. Only for layouts with valid [`ArrayLayout::body_bytes`].
+    /// Bytes between neighbours along each axis. Only for layouts with valid [`ArrayLayout::body_bytes`].
+    fn strides(&self) -> [u64; 5] {
+        [Axis::T, Axis::C, Axis::Z, Axis::Y, Axis::X].map(|axis| self.stride(axis))
+    }
+
     fn stride(&self, axis: Axis) -> u64 {
         let axes = self.axes.axes();
         // An axis without a letter has one element: any stride will do.
@@ -170,7 +174,7 @@ impl RawSource {
         };
         let mut info = SourceInfo { identity: identity(&format!("raw {layout:?}"), &[path])?, ..array.info() };
         info.notes.extend(trailing_note(trailing, end, spread.gap_bytes));
-        Ok(Self { info, file, array, spread: Some(spread), step_time: StepTime::default() })
+        Ok(Self { info, file, strides: spread.strides(&array), array, step_time: StepTime::default() })
     }
 
     /// Creates a source of a headerless stream, held in a scratch file up to its last voxel.
@@ -184,7 +188,7 @@ impl RawSource {
         }
         let spread = Spread::of(layout, &array).map_err(|problem| ImportError::options(&file.path, problem))?;
         let info = SourceInfo { identity, ..array.info() };
-        Ok(Self { info, file, array, spread: Some(spread), step_time: StepTime::default() })
+        Ok(Self { info, file, strides: spread.strides(&array), array, step_time: StepTime::default() })
     }
 
     /// Creates a source of an array in a mapped file.
@@ -198,16 +202,35 @@ impl RawSource {
             let problem = format!("shrank to {} bytes while it was opened", file.len());
             return Err(ImportError::invalid(&file.path, problem));
         }
-        Ok(Self { info, file, array, spread: None, step_time: StepTime::default() })
+        Ok(Self { info, file, strides: array.strides(), array, step_time: StepTime::default() })
     }
 
-    /// Bytes between neighbours along an axis.
-    fn stride(&self, axis: Axis) -> u64 {
-        match (&self.spread, axis) {
-            (Some(spread), Axis::T) => spread.step_bytes,
-            (Some(spread), Axis::C) => spread.channel_bytes,
-            _ => self.array.stride(axis),
+    /// Creates a source of an array whose slowest axis counts records of a file, each `record_bytes` after the one before.
+    ///
+    /// # Errors
+    /// If the file is shorter than the last record's part of the array, or records overlap.
+    pub(crate) fn of_records(
+        file: MappedFile,
+        array: ArrayLayout,
+        info: SourceInfo,
+        record_bytes: u64,
+    ) -> Result<Self> {
+        let damaged = |problem: &str| ImportError::invalid(&file.path, format!("damaged: {problem}"));
+        let slowest = array.axes.axes().first().copied().ok_or_else(|| damaged("records of no axes"))?;
+        let records = u64::from(array.sizes.of(slowest)).max(1);
+        let body = array.body_bytes().map_err(|problem| damaged(&problem))?;
+        let before_last = (records - 1).checked_mul(record_bytes);
+        let end = before_last.and_then(|n| n.checked_add(body / records)?.checked_add(array.offset));
+        if record_bytes < body / records || end.is_none_or(|end| end > file.len() as u64) {
+            return Err(damaged("its records reach beyond one another or the file's end; fetch the file again"));
         }
+        let mut strides = array.strides();
+        strides[slowest as usize] = record_bytes;
+        Ok(Self { info, file, strides, array, step_time: StepTime::default() })
+    }
+
+    fn stride(&self, axis: Axis) -> u64 {
+        self.strides[axis as usize]
     }
 
     /// Sets the times stored with the array.
@@ -231,12 +254,20 @@ impl RawSource {
         let path = &self.file.path;
         let Some(mut losses) = Losses::may_occur(path, self.array.decode, nodata, options) else { return Ok(self) };
         let body = self.array.body_bytes().map_err(|problem| ImportError::invalid(path, problem))?;
-        let numbers = &self.file[self.array.offset as usize..][..body as usize];
-        for part in numbers.chunks(LOSSES_AT_ONCE) {
-            let seen = losses.see(part);
-            // Missing parts of the file read as zeros.
-            self.file.confirm()?;
-            seen?;
+        // Records of the slowest axis may lie apart.
+        let slowest = self.array.axes.axes().first().copied().unwrap_or(Axis::T);
+        let count = u64::from(self.array.sizes.of(slowest)).max(1);
+        let stride = self.stride(slowest);
+        let records = if stride == body / count { 1 } else { count };
+        for record in 0..records {
+            let start = self.array.offset + record * stride;
+            let numbers = &self.file[start as usize..][..(body / records) as usize];
+            for part in numbers.chunks(LOSSES_AT_ONCE) {
+                let seen = losses.see(part);
+                // Missing parts of the file read as zeros.
+                self.file.confirm()?;
+                seen?;
+            }
         }
         self.info.notes.push(losses.note());
         let decode = losses.decode();

@@ -8,10 +8,11 @@
 //!
 //! The writer makes one block with one stream (blocks of 128 KiB cost 2 % of the ratio on 16-bit data, 15 % on floats,
 //! and decode no faster at 16 bits). The reader accepts any container written by c-blosc with Zstandard: several
-//! blocks, split streams, byte or bit shuffle, stored uncompressed; other compressors are recognized and refused.
+//! blocks, split streams, byte or bit shuffle, stored uncompressed (`brickyard_import::blosc`); other compressors are recognized and refused.
 
 use crate::error::CodecError;
 use crate::scratch::Scratch;
+use brickyard_import::blosc::{self, Failure};
 
 const HEADER_BYTES: usize = 16;
 /// Overhead of a container with one stream, in bytes: the header, one block start, one stream length.
@@ -20,12 +21,8 @@ pub(crate) const OVERHEAD_BYTES: usize = HEADER_BYTES + 8;
 const VERSION: u8 = 2;
 const BYTE_SHUFFLE: u8 = 0x01;
 const STORED: u8 = 0x02;
-const BIT_SHUFFLE: u8 = 0x04;
 const NOT_SPLIT: u8 = 0x10;
 const ZSTD: u8 = 4;
-/// c-blosc does not split wider types, or streams shorter than this.
-const MAX_SPLITS: usize = 16;
-const MIN_STREAM_BYTES: usize = 128;
 
 /// Appends `data` (voxels of `typesize` bytes) to `out` as one container.
 pub(crate) fn encode(scratch: &mut Scratch, typesize: usize, level: i32, data: &[u8], out: &mut Vec<u8>) {
@@ -59,117 +56,20 @@ pub(crate) fn encode(scratch: &mut Scratch, typesize: usize, level: i32, data: &
 
 /// Decodes a container of exactly `out.len()` bytes into `out`.
 pub(crate) fn decode(scratch: &mut Scratch, container: &[u8], out: &mut [u8]) -> Result<(), CodecError> {
-    let header = Header::parse(container, out.len())?;
-    let body = &container[..header.container_bytes];
-    if header.flags & STORED != 0 {
-        let stored =
-            body.get(HEADER_BYTES..HEADER_BYTES + out.len()).ok_or_else(|| malformed("stored bytes cut short"))?;
-        out.copy_from_slice(stored);
-        return Ok(());
-    }
-    if header.flags >> 5 != ZSTD {
-        let names = ["blosclz", "lz4", "snappy", "zlib"];
-        let name = names.get(usize::from(header.flags >> 5)).unwrap_or(&"an unknown compressor");
-        return Err(CodecError::Unsupported(format!("blosc with {name} (only zstd)")));
-    }
     let mut shuffled = std::mem::take(&mut scratch.bytes);
-    let result = decode_blocks(scratch, &header, body, &mut shuffled, out);
+    let result = blosc::decode(container, out, &mut shuffled, |compressor, coded, part| match compressor {
+        ZSTD => scratch.decompress(coded, part),
+        other => Err(CodecError::Unsupported(format!("blosc with {} (only zstd)", blosc::name_of(other)))),
+    });
     scratch.bytes = shuffled;
-    result
-}
-
-struct Header {
-    flags: u8,
-    typesize: usize,
-    block_bytes: usize,
-    container_bytes: usize,
-}
-
-impl Header {
-    fn parse(container: &[u8], expected_bytes: usize) -> Result<Self, CodecError> {
-        let head = container.get(..HEADER_BYTES).ok_or_else(|| malformed("container shorter than its header"))?;
-        let (version, flags, typesize) = (head[0], head[2], head[3] as usize);
-        let [data_bytes, block_bytes, container_bytes] = [4, 8, 12].map(|at| read_u32(head, at).unwrap_or(0));
-        if version != VERSION {
-            return Err(CodecError::Unsupported(format!("blosc format version {version} (only {VERSION})")));
+    result.map_err(|failure| match failure {
+        Failure::Length { expected, found } => CodecError::Length { expected, found },
+        Failure::Malformed(what) => CodecError::Malformed(format!("blosc: {what}")),
+        Failure::Version(version) => {
+            CodecError::Unsupported(format!("blosc format version {version} (only {VERSION})"))
         }
-        if data_bytes != expected_bytes {
-            return Err(CodecError::Length { expected: expected_bytes as u64, found: data_bytes as u64 });
-        }
-        if container_bytes > container.len() || typesize == 0 || (data_bytes > 0 && block_bytes == 0) {
-            return Err(malformed("header contradicts itself"));
-        }
-        Ok(Self { flags, typesize, block_bytes, container_bytes })
-    }
-}
-
-/// Undoes a shuffle of elements of some bytes, from one buffer into another.
-type Unshuffle = fn(usize, &[u8], &mut [u8]);
-
-fn decode_blocks(
-    scratch: &mut Scratch,
-    header: &Header,
-    body: &[u8],
-    shuffled: &mut Vec<u8>,
-    out: &mut [u8],
-) -> Result<(), CodecError> {
-    let unshuffled: Option<Unshuffle> = if header.flags & BYTE_SHUFFLE != 0 && header.typesize > 1 {
-        Some(unshuffle)
-    } else if header.flags & BIT_SHUFFLE != 0 && header.block_bytes >= header.typesize {
-        Some(unshuffle_bits)
-    } else {
-        None
-    };
-    for (i, block) in out.chunks_mut(header.block_bytes.max(1)).enumerate() {
-        let start = read_u32(body, HEADER_BYTES + 4 * i).ok_or_else(|| malformed("block starts cut short"))?;
-        // The last block, if shorter, is never split.
-        let split = header.flags & NOT_SPLIT == 0
-            && header.typesize <= MAX_SPLITS
-            && header.block_bytes / header.typesize >= MIN_STREAM_BYTES
-            && block.len() == header.block_bytes;
-        let streams = if split { header.typesize } else { 1 };
-        let Some(unshuffled) = unshuffled else {
-            decode_streams(scratch, body, start, streams, block)?;
-            continue;
-        };
-        shuffled.resize(block.len(), 0);
-        decode_streams(scratch, body, start, streams, shuffled)?;
-        unshuffled(header.typesize, shuffled, block);
-    }
-    Ok(())
-}
-
-fn decode_streams(
-    scratch: &mut Scratch,
-    body: &[u8],
-    mut at: usize,
-    streams: usize,
-    out: &mut [u8],
-) -> Result<(), CodecError> {
-    let stream_bytes = out.len() / streams;
-    if stream_bytes * streams != out.len() {
-        return Err(malformed("block does not divide into streams"));
-    }
-    for part in out.chunks_mut(stream_bytes.max(1)) {
-        let length = read_u32(body, at).ok_or_else(|| malformed("stream length outside the container"))?;
-        let data = body.get(at + 4..).and_then(|d| d.get(..length)).ok_or_else(|| malformed("stream cut short"))?;
-        if length == part.len() {
-            part.copy_from_slice(data);
-        } else {
-            scratch.decompress(data, part)?;
-        }
-        at += 4 + length;
-    }
-    Ok(())
-}
-
-fn malformed(what: &str) -> CodecError {
-    CodecError::Malformed(format!("blosc: {what}"))
-}
-
-fn read_u32(bytes: &[u8], at: usize) -> Option<usize> {
-    let four = bytes.get(at..)?.first_chunk::<4>()?;
-    Some(u32::from_le_bytes(*four) as usize)
+        Failure::Stream(error) => error,
+    })
 }
 
 /// Writes the first bytes of all elements to `out`, then their second bytes, and so on. Bytes past the last whole
@@ -184,23 +84,6 @@ pub(crate) fn shuffle(typesize: usize, data: &[u8], out: &mut [u8]) {
         _ => {
             for (k, plane) in planes.chunks_exact_mut(count.max(1)).enumerate() {
                 plane.iter_mut().zip(body.chunks_exact(typesize)).for_each(|(p, v)| *p = v[k]);
-            }
-        }
-    }
-    out_rest.copy_from_slice(rest);
-}
-
-/// Undoes [`shuffle`].
-pub(crate) fn unshuffle(typesize: usize, data: &[u8], out: &mut [u8]) {
-    let count = data.len() / typesize;
-    let (planes, rest) = data.split_at(count * typesize);
-    let (body, out_rest) = out.split_at_mut(count * typesize);
-    match typesize {
-        2 => wide::join_2(planes, body),
-        4 => wide::join_4(planes, body),
-        _ => {
-            for (k, plane) in planes.chunks_exact(count.max(1)).enumerate() {
-                body.chunks_exact_mut(typesize).zip(plane).for_each(|(v, p)| v[k] = *p);
             }
         }
     }
@@ -231,12 +114,6 @@ mod wide {
             [*l, *h] = *v;
         }
     });
-    dispatched!(join_2, planes, data, {
-        let (low, high) = planes.split_at(data.len() / 2);
-        for ((v, &l), &h) in data.as_chunks_mut::<2>().0.iter_mut().zip(low).zip(high) {
-            *v = (l as u16 | (h as u16) << 8).to_le_bytes();
-        }
-    });
     dispatched!(split_4, data, planes, {
         let (ab, cd) = planes.split_at_mut(data.len() / 2);
         let ((a, b), (c, d)) = (ab.split_at_mut(data.len() / 4), cd.split_at_mut(data.len() / 4));
@@ -245,30 +122,6 @@ mod wide {
             (*a, *b, *c, *d) = (v as u8, (v >> 8) as u8, (v >> 16) as u8, (v >> 24) as u8);
         }
     });
-    dispatched!(join_4, planes, data, {
-        let (ab, cd) = planes.split_at(data.len() / 2);
-        let ((a, b), (c, d)) = (ab.split_at(ab.len() / 2), cd.split_at(cd.len() / 2));
-        for ((((v, &a), &b), &c), &d) in data.as_chunks_mut::<4>().0.iter_mut().zip(a).zip(b).zip(c).zip(d) {
-            *v = (a as u32 | (b as u32) << 8 | (c as u32) << 16 | (d as u32) << 24).to_le_bytes();
-        }
-    });
-}
-
-/// Undoes Blosc's bit shuffle: row `b` of `8 * typesize` holds bit `b` of all elements, eight to a byte. It applies
-/// only to multiples of eight elements; other blocks are stored unshuffled.
-fn unshuffle_bits(typesize: usize, data: &[u8], out: &mut [u8]) {
-    let count = data.len() / typesize;
-    out.copy_from_slice(data);
-    if !count.is_multiple_of(8) || count == 0 {
-        return;
-    }
-    let body = &mut out[..count * typesize];
-    body.fill(0);
-    for (b, row) in data[..count * typesize].chunks_exact(count / 8).enumerate() {
-        for (i, element) in body.chunks_exact_mut(typesize).enumerate() {
-            element[b / 8] |= (row[i / 8] >> (i % 8) & 1) << (b % 8);
-        }
-    }
 }
 
 #[cfg(test)]
@@ -343,7 +196,7 @@ mod tests {
                 let data: Vec<u8> = (0..bytes).map(|i| (i * 37 % 251) as u8).collect();
                 let (mut shuffled, mut back) = (vec![0; bytes], vec![0; bytes]);
                 shuffle(typesize, &data, &mut shuffled);
-                unshuffle(typesize, &shuffled, &mut back);
+                blosc::unshuffle(typesize, &shuffled, &mut back);
                 assert_eq!(back, data, "{typesize} {bytes}");
             }
         }

@@ -1,7 +1,18 @@
 //! Values of attributes, as far as readers need them. Costs a copy of the value.
 
-use super::types::{numbers_of, plain};
+use super::types::plain;
+use crate::cf;
 use hdf5_reader::{Attribute, Datatype, StringSize};
+
+impl cf::Attributes for [Attribute] {
+    fn text(&self, name: &str) -> Option<String> {
+        text(self, name)
+    }
+
+    fn numbers(&self, name: &str) -> Option<Vec<f64>> {
+        numbers(self, name)
+    }
+}
 
 /// The attribute of a name.
 pub(super) fn named<'a>(attributes: &'a [Attribute], name: &str) -> Option<&'a Attribute> {
@@ -31,7 +42,7 @@ fn strings(attribute: &Attribute) -> Vec<String> {
 pub(super) fn numbers(attributes: &[Attribute], name: &str) -> Option<Vec<f64>> {
     let attribute = named(attributes, name)?;
     let (element, endian) = plain(&attribute.datatype)?;
-    Some(numbers_of(element, endian, &attribute.raw_data)).filter(|numbers| !numbers.is_empty())
+    Some(element.numbers(endian, &attribute.raw_data)).filter(|numbers| !numbers.is_empty())
 }
 
 /// A single number.

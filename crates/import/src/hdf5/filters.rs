@@ -1,11 +1,14 @@
 //! Filters of chunks, undone one by one: the parser's own (deflate, shuffle, Fletcher-32, szip, n-bit, scale-offset, LZ4), and LZF,
-//! bitshuffle and Zstandard here. No stage may grow beyond a bound. Costs one copy of the chunk per filter.
+//! bitshuffle, Zstandard and Blosc here. No stage may grow beyond a bound. Costs one copy of the chunk per filter.
 
+use super::blosclz;
+use crate::blosc;
 use hdf5_reader::FilterRegistry;
 use hdf5_reader::filters::{FILTER_FLETCHER32, FILTER_SHUFFLE, fletcher32, shuffle};
 use hdf5_reader::messages::filter_pipeline::FilterDescription;
 
 const LZF: u16 = 32000;
+const BLOSC: u16 = 32001;
 const BITSHUFFLE: u16 = 32008;
 const ZSTD: u16 = 32015;
 
@@ -17,7 +20,6 @@ const NAMES: &[(u16, &str)] = &[
     (257, "user-defined"),
     (305, "LZO"),
     (307, "bzip2"),
-    (32001, "Blosc"),
     (32002, "MAFISC"),
     (32003, "Snappy"),
     (32005, "APAX"),
@@ -59,7 +61,11 @@ pub(super) fn check(filters: &[FilterDescription]) -> Result<(), String> {
     if filters.len() > MOST_FILTERS {
         return Err(format!("a pipeline of {} filters", filters.len()));
     }
-    let is_known = |id: u16| OF_PARSER.contains(&id) || [LZF, BITSHUFFLE, ZSTD].contains(&id);
+    // A setting tells Blosc's compressor, of which Snappy is the fourth.
+    if filters.iter().any(|filter| filter.id == BLOSC && filter.client_data.get(6) == Some(&3)) {
+        return Err(format!("the filter {BLOSC} (Blosc with Snappy)"));
+    }
+    let is_known = |id: u16| OF_PARSER.contains(&id) || [LZF, BLOSC, BITSHUFFLE, ZSTD].contains(&id);
     let Some(filter) = filters.iter().find(|filter| !is_known(filter.id)) else { return Ok(()) };
     let of_table = NAMES.iter().find(|(id, _)| *id == filter.id).map(|(_, name)| *name);
     Err(match of_table.or(filter.name.as_deref().map(str::trim).filter(|name| !name.is_empty())) {
@@ -92,6 +98,7 @@ pub(super) fn undo(
             }
             FILTER_FLETCHER32 => fletcher32::verify_and_strip(input).map_err(|error| error.to_string())?,
             LZF => lzf(input, bound).ok_or("damaged LZF data")?,
+            BLOSC => of_blosc(input, bound)?,
             BITSHUFFLE => bitshuffle(input, &filter.client_data, bound).ok_or("damaged bitshuffle data")?,
             ZSTD => zstd::bulk::decompress(input, bound).map_err(|error| format!("damaged Zstandard data: {error}"))?,
             _ => {
@@ -139,6 +146,38 @@ fn lzf(input: &[u8], bound: usize) -> Option<Vec<u8>> {
         }
     }
     Some(output)
+}
+
+/// Decodes a Blosc container.
+fn of_blosc(input: &[u8], bound: usize) -> Result<Vec<u8>, String> {
+    let total = blosc::decoded_bytes(input).filter(|total| *total <= bound).ok_or("damaged Blosc data")?;
+    let mut output = vec![0; total];
+    let decoded = blosc::decode(input, &mut output, &mut Vec::new(), |compressor, coded, part| {
+        let count = match compressor {
+            blosc::BLOSCLZ => blosclz::decode(coded, part),
+            blosc::LZ4 => lz4_flex::block::decompress_into(coded, part).ok(),
+            blosc::ZLIB => inflated(coded, part),
+            blosc::ZSTD => zstd::bulk::decompress_to_buffer(coded, part).ok(),
+            other => return Err(format!("Blosc with {} is not supported", blosc::name_of(other))),
+        };
+        match count == Some(part.len()) {
+            true => Ok(()),
+            false => Err(format!("damaged {} data of Blosc", blosc::name_of(compressor))),
+        }
+    });
+    match decoded {
+        Ok(()) => Ok(output),
+        Err(blosc::Failure::Stream(problem)) => Err(problem),
+        Err(blosc::Failure::Version(version)) => Err(format!("Blosc's format {version} is not supported")),
+        Err(other) => Err(format!("damaged Blosc data ({other:?})")),
+    }
+}
+
+/// Inflates a zlib stream; `None` if it is damaged or longer than `out`.
+fn inflated(coded: &[u8], out: &mut [u8]) -> Option<usize> {
+    let mut inflate = flate2::Decompress::new(true);
+    let status = inflate.decompress(coded, out, flate2::FlushDecompress::Finish).ok()?;
+    (status == flate2::Status::StreamEnd).then_some(inflate.total_out() as usize)
 }
 
 /// Undoes bitshuffle, and LZ4 (2) or Zstandard (3) of its blocks.
@@ -235,6 +274,8 @@ mod tests {
         let named = FilterDescription { name: Some("mine".into()), ..filter(40000, &[]) };
         assert_eq!(check(&[named]).unwrap_err(), "the filter 40000 (mine)");
         assert_eq!(check(&[filter(40001, &[])]).unwrap_err(), "the filter 40001");
+        assert!(check(&[filter(32001, &[2, 2, 4, 99, 5, 1, 3])]).unwrap_err().contains("Snappy"));
+        assert_eq!(check(&[filter(32001, &[2, 2, 4, 99, 5, 1, 4])]), Ok(()));
         assert!(check(&vec![filter(1, &[]); 33]).is_err());
     }
 
@@ -265,11 +306,44 @@ mod tests {
         assert_eq!(bitshuffle(&whole, &[0, 2, 1, 0, 3], 8), None);
     }
 
+    /// Made by c-blosc through hdf5plugin: split streams of shuffled bytes, and bits of a number that is no multiple of eight.
+    #[test]
+    fn containers_of_blosc_are_decoded() {
+        let expected: Vec<u8> = (0..300u16).flat_map(|i| (i / 9 * 3).to_le_bytes()).collect();
+        let blosclz = "020101025802000058020000b90000001400000090000000230000000060030003c0000006c0000009c000000cc000000fc00000\
+            12c0000015c0000018c000001bc000001ec0000021c0000024c0000027c000002ac000002dc0000030c0000033c0000036c0000039c000003cc00\
+            0003fc0000042c0000045c0000048c000004bc000004ec0000051c0000054c0000057c000005ac000005dc0000b6060606060606060606363630d\
+            0000002300000000e0ff1d0302000000";
+        let lz4 = "020124025802000058020000b5000000140000004d0000001d0001001d0302001d0602001d0902001d0c02001d0f02001d1202001d1502\
+            001d1802001d1b02001d1e02001d2102001d2402001d2702001d2a02001d2d0200c03000300030003000300030004c00000020300002001d33020\
+            01d3602001d3902001d3c02001d3f02001d4202001d4502001d4802001d4b02001d4e02001d5102001d5402001d5702001d5a02001d5d02001d60\
+            020060630063006300";
+        let zlib = "02016102580200005802000077000000140000004e000000785e35c1e10683600000c018314644448c88888888111123c6181131e27b\
+            ff77e84f771745971b31771e24a464e4143c29a9a86968e9e81978313231f366e1c3971f2b1b3b7f0e420827fd2938da0d000000785e63601805c\
+            40200012c0001";
+        let settings = filter(BLOSC, &[2, 2, 2, 600, 5, 1, 0]);
+        for hex in [blosclz, lz4, zlib] {
+            let container: Vec<u8> =
+                (0..hex.len()).step_by(2).map(|i| u8::from_str_radix(&hex[i..i + 2], 16).unwrap()).collect();
+            let undone = |bytes: &[u8], expected| undo(bytes, std::slice::from_ref(&settings), 0, 2, expected);
+            assert_eq!(undone(&container, 600), Ok(expected.clone()));
+            assert!(undone(&container, 598).unwrap_err().contains("expected 598 bytes decoded, found 600"));
+            for length in 0..container.len() {
+                assert!(undone(&container[..length], 600).is_err(), "{length}");
+            }
+            // A container of more bytes than a chunk may have.
+            let huge = [&container[..4], &[255, 255, 255, 127], &container[8..]].concat();
+            assert_eq!(undone(&huge, 600).unwrap_err(), "damaged Blosc data");
+            let snappy = [&container[..2], &[2 << 5], &container[3..]].concat();
+            assert_eq!(undone(&snappy, 600).unwrap_err(), "Blosc with snappy is not supported");
+        }
+    }
+
     proptest! {
         #[test]
         fn damaged_chunks_do_not_panic(
             bytes in prop::collection::vec(any::<u8>(), 0..200),
-            id in prop::sample::select(vec![1u16, 2, 3, 4, 5, 6, 32000, 32004, 32008, 32015]),
+            id in prop::sample::select(vec![1u16, 2, 3, 4, 5, 6, 32000, 32001, 32004, 32008, 32015]),
             settings in prop::collection::vec(0u32..40, 0..22),
             expected in 0usize..300,
         ) {

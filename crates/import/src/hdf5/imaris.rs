@@ -34,6 +34,14 @@ pub(super) fn open(file: &File, tree: &Tree, options: &OpenOptions) -> Result<Bo
         let problem = "`axes`: those of an Imaris file are known; leave it out, or name a dataset with `variable`";
         return Err(ImportError::options(&file.path, problem));
     }
+    if !tree.is_whole() {
+        let advice = "name one dataset with `variable`";
+        return Err(ImportError::unsupported_but(
+            &file.path,
+            "an Imaris file of more objects than are looked at",
+            advice,
+        ));
+    }
     let count =
         |path: &dyn Fn(u32) -> String| (0..u32::MAX).take_while(|n| tree.group(&path(*n)).is_some()).count() as u32;
     let times = count(&|time| format!("{LEVEL}/TimePoint {time}"));

@@ -119,8 +119,8 @@ impl Source for ChunkedSource {
     }
 
     fn reader_bytes(&self) -> u64 {
-        // A chunk before and after a filter.
-        self.arrays.iter().map(|array| array.chunk_bytes() as u64).max().unwrap_or(0).saturating_mul(2)
+        // A chunk before and after a filter, and the filter's buffer.
+        self.arrays.iter().map(|array| array.chunk_bytes() as u64).max().unwrap_or(0).saturating_mul(3)
     }
 
     fn held_bytes(&self) -> u64 {

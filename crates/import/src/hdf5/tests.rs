@@ -27,6 +27,7 @@ enum Place {
     /// In chunks of this shape; deflated.
     Chunks([u64; 3]),
     Blank,
+    Virtual,
 }
 
 fn message(kind: u8, body: &[u8]) -> Vec<u8> {
@@ -75,6 +76,10 @@ fn number_attribute(name: &str, numbers: &[f64]) -> Vec<u8> {
     attribute(name, &double, &[numbers.len() as u64], &data)
 }
 
+fn link((name, at): &(&str, u64)) -> Vec<u8> {
+    message(6, &[&[1, 0, name.len() as u8][..], name.as_bytes(), &at.to_le_bytes()].concat())
+}
+
 impl Builder {
     fn new() -> Self {
         Self { bytes: vec![0; 48], links: Vec::new(), attributes: Vec::new() }
@@ -100,6 +105,9 @@ impl Builder {
             }
             Place::Blank => {
                 messages.push(message(8, &[&[3, 1][..], &UNDEFINED.to_le_bytes(), &0u64.to_le_bytes()].concat()));
+            }
+            Place::Virtual => {
+                messages.push(message(8, &[&[4, 3][..], &UNDEFINED.to_le_bytes(), &[0; 4]].concat()));
             }
             Place::Chunks(chunk) => {
                 let tree = self.chunks(shape, chunk, data);
@@ -154,6 +162,14 @@ impl Builder {
         self.put(&node)
     }
 
+    /// Moves all links but the first ones into a group.
+    fn group(mut self, name: &'static str, kept: usize) -> Self {
+        let links: Vec<Vec<u8>> = self.links.split_off(kept).iter().map(link).collect();
+        let at = self.put(&header(&links));
+        self.links.push((name, at));
+        self
+    }
+
     fn with(mut self, attribute: Vec<u8>) -> Self {
         self.attributes.push(attribute);
         self
@@ -161,9 +177,6 @@ impl Builder {
 
     /// The file, with the remaining attributes at its root.
     fn finish(mut self) -> Vec<u8> {
-        let link = |(name, at): &(&str, u64)| {
-            message(6, &[&[1, 0, name.len() as u8][..], name.as_bytes(), &at.to_le_bytes()].concat())
-        };
         let mut messages: Vec<Vec<u8>> = self.links.iter().map(link).collect();
         messages.append(&mut self.attributes);
         let root = self.put(&header(&messages));
@@ -314,6 +327,90 @@ fn cut_and_unsupported_files_are_refused_by_name() {
         let message = refusal(&path, &told);
         assert!(message.contains(what) && message.contains("is not supported"), "{message}");
     }
+}
+
+/// An object that cannot be read hides no other, and is named.
+#[test]
+fn virtual_datasets_and_links_to_other_files_are_named() {
+    let kind = datatype(VoxelType::U8, false);
+    let none = OpenOptions::default();
+    let told = |name: &str| OpenOptions { variable: Some(name.into()), ..none.clone() };
+    let virtually = small(Place::Piece).set("v", &kind, &[2, 3, 4], &[], Place::Virtual).finish();
+    let (_folder, path) = temp_file("a.h5", &virtually);
+    assert_eq!(open(&path, &told("a")).unwrap().info().extent.x, 4);
+    assert!(refusal(&path, &none).contains("/a (2 x 3 x 4, u8); /v cannot be read"), "{}", refusal(&path, &none));
+    assert!(refusal(&path, &told("v")).contains("v, a virtual dataset, is not supported"));
+    let target = [&[13, 0, 0][..], b"b.h5\0", b"/there\0"].concat();
+    let away = message(6, &[&[1, 8, 64, 1][..], b"e", &target].concat());
+    let (_folder, path) = temp_file("a.h5", &small(Place::Piece).with(away).finish());
+    assert_eq!(open(&path, &told("a")).unwrap().info().extent.x, 4);
+    assert!(refusal(&path, &told("e")).contains("/e, a link to another file (b.h5), is not supported"));
+}
+
+/// Two time points of one setup, of 16-bit numbers.
+fn of_bdv(sizes: [&[u64; 3]; 2]) -> Vec<u8> {
+    let kind = datatype(VoxelType::I16, false);
+    let mut made = Builder::new();
+    for (n, shape) in sizes.into_iter().enumerate() {
+        let count = shape.iter().product::<u64>() as usize;
+        let data = vec![0xf0 + n as u8; 2 * count];
+        made = made.set("cells", &kind, shape, &data, Place::Chunks([2, 2, 2]));
+        made = made.group("0", n).group("s00", n).group(["t00000", "t00001"][n], n);
+    }
+    made.set("resolutions", &datatype(VoxelType::U8, false), &[1, 3], &[1, 1, 1], Place::Piece).group("s00", 2).finish()
+}
+
+#[test]
+fn views_of_bigdataviewer_are_steps_and_channels() {
+    let (folder, path) = temp_file("a.h5", &of_bdv([&[2, 3, 4], &[2, 3, 4]]));
+    let none = OpenOptions::default();
+    let alone = open_any(std::slice::from_ref(&path), &none).unwrap();
+    let info = alone.info();
+    assert_eq!((info.extent.to_array(), info.times, info.channels), ([4, 3, 2], 2, 1));
+    assert!(!info.calibrated && said(&info.notes).contains("are in the .xml file"));
+    let mut out = [0; 48];
+    alone.read_box(1, 0, info.extent.full_box(), &mut out).unwrap();
+    assert_eq!((info.voxel_type, VoxelType::U16.read(&out, 23)), (VoxelType::U16, 61937.0), "without a sign");
+    let xml = folder.path().join("a.xml");
+    let open_xml = |loader: &str, unit: &str, affines: [&str; 2], more: &str| {
+        let places: String = (0..2)
+            .map(|time| {
+                let transform =
+                    |affine: &str| format!("<ViewTransform type=\"affine\"><affine>{affine}</affine></ViewTransform>");
+                let (shift, scale) = (transform(affines[time]), transform("0.5 0 0 0 0 0.5 0 0 0 0 2 0"));
+                format!("<ViewRegistration timepoint=\"{time}\" setup=\"0\">{shift}{scale}</ViewRegistration>")
+            })
+            .collect();
+        let text = format!(
+            "<?xml version=\"1.0\"?>\n<SpimData version=\"0.2\"><BasePath type=\"relative\">.</BasePath><SequenceDescription>\
+             <ImageLoader format=\"{loader}\"><hdf5 type=\"relative\">a.h5</hdf5></ImageLoader><ViewSetups><ViewSetup><id>0</id>\
+             <name>a &amp; b</name><size>4 3 2</size><voxelSize><unit>{unit}</unit><size>0.5 0.5 2.0</size></voxelSize>\
+             </ViewSetup></ViewSetups><Timepoints type=\"range\"><first>0</first><last>1</last></Timepoints>{more}\
+             </SequenceDescription><ViewRegistrations>{places}</ViewRegistrations></SpimData>"
+        );
+        std::fs::write(&xml, text).unwrap();
+        open_any(std::slice::from_ref(&xml), &none)
+            .map(|source| source.info().clone())
+            .map_err(|error| error.to_string())
+    };
+    let moved = "1 0 0 5 0 1 0 6 0 0 1 7";
+    let info = open_xml("bdv.hdf5", "µm", [moved; 2], "").unwrap();
+    assert_eq!(info.channel_looks[0].name.as_deref(), Some("a & b"));
+    assert_eq!(
+        (info.geometry.spacing, info.geometry.origin, info.geometry.unit.as_deref()),
+        (glam::DVec3::new(0.5, 0.5, 2.0), glam::DVec3::new(5.0, 6.0, 7.0), Some("micrometer"))
+    );
+    let info = open_xml("bdv.hdf5", "um", [moved, "1 0 0 5 0 1 0 6 0 0 1 8"], "").unwrap();
+    assert!(said(&info.notes).contains("Time points lie in unlike places"));
+    assert_eq!(info.geometry.origin, glam::DVec3::ZERO);
+    let turned = "0 -1 0 5 1 0 0 6 0 0 1 7";
+    let orientation = open_xml("bdv.hdf5", "um", [turned; 2], "").unwrap().orientation.unwrap();
+    assert_eq!(orientation.step(0), glam::DVec3::new(0.0, 0.5, 0.0));
+    let missing = "<MissingViews><MissingView timepoint=\"1\" setup=\"0\"/></MissingViews>";
+    assert!(open_xml("bdv.hdf5", "um", [moved; 2], missing).unwrap_err().contains("a missing view (time point 1"));
+    assert!(open_xml("bdv.n5", "um", [moved; 2], "").unwrap_err().contains("image loader bdv.n5 is not supported"));
+    let (_folder, path) = temp_file("a.h5", &of_bdv([&[2, 3, 4], &[2, 3, 5]]));
+    assert!(refusal(&path, &none).contains("/t00001/s00/0/cells is damaged: it differs"));
 }
 
 proptest! {

@@ -2,9 +2,12 @@
 
 use super::attributes::{number, text, texts};
 use super::file::File;
+use super::links::{Link, links_of};
 use super::types::Stored;
+use crate::array_choice::{Listed, is_shape_of_volume, last_of, listed, no_such, none, several};
+use crate::cf::helpers_of;
 use crate::error::{ImportError, Result};
-use brickyard_volume::counted;
+use hdf5_reader::error::Error;
 use hdf5_reader::group::Group;
 use hdf5_reader::{Attribute, Dataset};
 use std::collections::HashSet;
@@ -13,8 +16,9 @@ use std::collections::HashSet;
 const MOST_OBJECTS: usize = 20_000;
 const MOST_LEVELS: usize = 64;
 
-/// Most datasets listed in a message.
-const MOST_SHOWN: usize = 30;
+/// Groups of Imaris with one image each, of which the finest is walked: many steps and channels leave no room for the others.
+const LEVELS: &str = "/DataSet/ResolutionLevel ";
+const FINEST: &str = "/DataSet/ResolutionLevel 0";
 
 /// A dataset of the file.
 pub(super) struct Entry {
@@ -41,11 +45,6 @@ pub(super) struct Tree {
     is_cut: bool,
 }
 
-/// A path's last part.
-pub(super) fn last_of(path: &str) -> &str {
-    path.rsplit('/').next().unwrap_or(path)
-}
-
 /// The path of the group around an object.
 pub(super) fn parent_of(path: &str) -> &str {
     match path.rsplit_once('/') {
@@ -61,23 +60,16 @@ pub(super) fn join(group: &str, name: &str) -> String {
 impl Entry {
     /// Whether it can be a volume by itself: numbers along 2 to 5 axes, at least two of them longer than 1.
     fn is_volume(&self) -> bool {
-        let shape = self.set.shape();
-        (2..=5).contains(&shape.len())
-            && !shape.contains(&0)
-            && shape.iter().filter(|size| **size > 1).count() >= 2
-            && self.stored.is_ok()
-            && !self.is_scale()
+        is_shape_of_volume(self.set.shape()) && self.stored.is_ok() && !self.is_scale()
     }
 
     pub(super) fn is_scale(&self) -> bool {
         text(&self.attributes, "CLASS").is_some_and(|class| class == "DIMENSION_SCALE")
     }
 
-    fn describe(&self) -> String {
-        let sizes: Vec<String> = self.set.shape().iter().map(u64::to_string).collect();
-        let name = self.stored.as_ref().map_or_else(Clone::clone, Stored::name);
-        let axes = if sizes.is_empty() { "one element".into() } else { sizes.join(" x ") };
-        format!("{} ({axes}, {name})", self.path)
+    fn listed(&self) -> Listed {
+        let element = self.stored.as_ref().map_or_else(Clone::clone, Stored::name);
+        Listed { path: self.path.clone(), shape: self.set.shape().to_vec(), element }
     }
 }
 
@@ -93,45 +85,64 @@ impl Tree {
     fn walk(&mut self, file: &File, group: &Group, path: &str, level: usize, seen: &mut HashSet<u64>) {
         let attributes = group.attributes().unwrap_or_default();
         self.groups.push(GroupEntry { path: path.into(), attributes });
-        let (groups, sets) = match group.member_names() {
-            Ok(names) => names,
+        let links = match links_of(file, group.address()) {
+            Ok(links) => links,
             Err(error) => {
-                // An object that cannot be read hides its whole group from the parser.
                 self.unread.push((path.into(), file.refusal(&format!("the group {path}"), &error)));
                 return;
             }
         };
-        for name in sets {
+        let mut groups = Vec::new();
+        for Link { name, other_file, .. } in links {
             let path = join(path, &name);
             if self.is_full() {
                 return;
             }
+            if let Some(other) = other_file {
+                let advice = "open that file, and name the dataset in it with `variable`";
+                let feature = format!("{path}, a link to another file ({other}),");
+                self.unread.push((path, ImportError::unsupported_but(&file.path, feature, advice)));
+                continue;
+            }
             match group.dataset(&name) {
                 Ok(set) if !seen.insert(set.address()) => {}
-                Ok(set) => {
-                    let (attributes, stored) = (set.attributes(), Stored::of(&set));
-                    self.sets.push(Entry { path, set, attributes, stored });
-                }
+                Ok(set) => self.add(path, set),
+                // No dataset: a group, a datatype, or a link to nothing.
+                Err(Error::DatasetNotFound(_)) => match group.group(&name) {
+                    Ok(group) => groups.push((path, group)),
+                    Err(Error::GroupNotFound(_)) => {}
+                    Err(error) => self.unread.push((path.clone(), file.refusal(&path, &error))),
+                },
                 Err(error) => self.unread.push((path.clone(), file.refusal(&path, &error))),
             }
         }
-        for name in groups {
+        for (path, group) in groups {
             if self.is_full() || level == MOST_LEVELS {
                 self.is_cut = true;
                 return;
             }
-            let path = join(path, &name);
-            match group.group(&name) {
-                Ok(group) if seen.insert(group.address()) => self.walk(file, &group, &path, level + 1, seen),
-                Ok(_) => {}
-                Err(error) => self.unread.push((path.clone(), file.refusal(&path, &error))),
+            if path.starts_with(LEVELS) && path != FINEST {
+                continue;
+            }
+            if seen.insert(group.address()) {
+                self.walk(file, &group, &path, level + 1, seen);
             }
         }
+    }
+
+    fn add(&mut self, path: String, set: Dataset) {
+        let (attributes, stored) = (set.attributes(), Stored::of(&set));
+        self.sets.push(Entry { path, set, attributes, stored });
     }
 
     fn is_full(&mut self) -> bool {
         self.is_cut |= self.sets.len() + self.groups.len() + self.unread.len() >= MOST_OBJECTS;
         self.is_cut
+    }
+
+    /// Whether all of the file was walked.
+    pub(super) fn is_whole(&self) -> bool {
+        !self.is_cut
     }
 
     pub(super) fn set(&self, path: &str) -> Option<&Entry> {
@@ -148,8 +159,7 @@ impl Tree {
         if let Ok(set) = file.hdf.dataset(&path)
             && self.sets.iter().all(|entry| entry.set.address() != set.address())
         {
-            let (attributes, stored) = (set.attributes(), Stored::of(&set));
-            self.sets.push(Entry { path, set, attributes, stored });
+            self.add(path, set);
         }
     }
 
@@ -174,8 +184,8 @@ impl Tree {
             if let Some(entry) = self.signal_of(&path) {
                 return Ok(entry);
             }
-            let inside: Vec<&Entry> =
-                self.sets.iter().filter(|entry| entry.path.starts_with(&join(&path, ""))).collect();
+            let inside = self.sets.iter().filter(|entry| entry.path.starts_with(&join(&path, "")));
+            let inside: Vec<Listed> = inside.map(Entry::listed).collect();
             let problem = format!("`variable` {path}: is a group; name a dataset in it: {}", listed(&inside));
             return Err(ImportError::options(&file.path, problem));
         }
@@ -183,16 +193,7 @@ impl Tree {
         if let ([entry], false) = (&alike[..], name.contains('/')) {
             return Ok(entry);
         }
-        let wanted = last_of(&path).to_lowercase();
-        let is_near = |entry: &&Entry| {
-            let found = last_of(&entry.path).to_lowercase();
-            found.contains(&wanted) || wanted.contains(&found)
-        };
-        let near: Vec<&Entry> = self.sets.iter().filter(is_near).collect();
-        let (which, near) =
-            if near.is_empty() { ("are", self.sets.iter().collect()) } else { ("of like names are", near) };
-        let problem = format!("`variable` {name}: no such dataset; datasets {which} {}{}", listed(&near), self.rest());
-        Err(ImportError::options(&file.path, problem))
+        Err(no_such(&file.path, name, self.sets.iter().map(Entry::listed).collect(), &self.rest()))
     }
 
     /// The dataset that the file means, or its only volume; `true` for the latter.
@@ -204,27 +205,13 @@ impl Tree {
         let volumes: Vec<&Entry> =
             self.sets.iter().filter(|entry| entry.is_volume() && !helpers.contains(&entry.path)).collect();
         match &volumes[..] {
+            // What cannot be read may be a volume, too.
             [entry] if !self.is_cut && self.unread.is_empty() => Ok((entry, true)),
             [] if !self.unread.is_empty() => Err(self.problem_of(0)),
-            [] => {
-                let all: Vec<&Entry> = self.sets.iter().collect();
-                let problem = format!(
-                    "holds no dataset of numbers along 2 to 5 axes; there are: {}{}",
-                    listed(&all),
-                    self.rest()
-                );
-                Err(ImportError::invalid(&file.path, problem))
-            }
-            _ => {
-                let problem = format!(
-                    "holds {}; name one with `variable`, or in the path as {}::{}: {}{}",
-                    counted(volumes.len() as u64, "dataset"),
-                    crate::files::name_of(&file.path),
-                    volumes[0].path,
-                    listed(&volumes),
-                    self.rest()
-                );
-                Err(ImportError::options(&file.path, problem))
+            [] => Err(none(&file.path, &self.sets.iter().map(Entry::listed).collect::<Vec<_>>(), &self.rest())),
+            volumes => {
+                let volumes: Vec<Listed> = volumes.iter().map(|entry| entry.listed()).collect();
+                Err(several(&file.path, &volumes, &self.rest()))
             }
         }
     }
@@ -232,10 +219,8 @@ impl Tree {
     /// Datasets that others name as their bounds, coordinates and the like (NetCDF's CF conventions).
     fn helpers(&self) -> HashSet<String> {
         let of = |entry: &Entry| {
-            let names = ["bounds", "climatology", "coordinates", "ancillary_variables", "grid_mapping"];
-            let said: Vec<String> = names.iter().filter_map(|name| text(&entry.attributes, name)).collect();
-            let group = parent_of(&entry.path).to_owned();
-            said.join(" ").split_whitespace().map(|name| join(&group, name)).collect::<Vec<_>>()
+            let group = parent_of(&entry.path);
+            helpers_of(&entry.attributes[..]).into_iter().map(|name| join(group, &name)).collect::<Vec<_>>()
         };
         self.sets.iter().flat_map(of).collect()
     }
@@ -292,16 +277,5 @@ impl Tree {
             rest += "; and more, not looked at";
         }
         rest
-    }
-}
-
-/// Paths, shapes and types of datasets.
-fn listed(entries: &[&Entry]) -> String {
-    let shown: Vec<String> = entries.iter().take(MOST_SHOWN).map(|entry| entry.describe()).collect();
-    let more = entries.len().saturating_sub(MOST_SHOWN);
-    match (shown.len(), more) {
-        (0, _) => "none".into(),
-        (_, 0) => shown.join(", "),
-        _ => format!("{}, and {more} more", shown.join(", ")),
     }
 }

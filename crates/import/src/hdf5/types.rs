@@ -61,7 +61,7 @@ impl Stored {
 
     /// The numbers as f64, of plain numbers only.
     pub(super) fn numbers(&self, bytes: &[u8]) -> Vec<f64> {
-        numbers_of(self.element, self.endian, bytes)
+        self.element.numbers(self.endian, bytes)
     }
 }
 
@@ -75,26 +75,6 @@ fn of_truth(datatype: &Datatype, element: Element) -> Element {
         Datatype::Enum { members, .. } if is_truth(members) => Element::Voxel(VoxelType::U8),
         _ => element,
     }
-}
-
-/// Numbers of a type as f64; 64-bit integers are rounded.
-pub(super) fn numbers_of(element: Element, endian: Endian, bytes: &[u8]) -> Vec<f64> {
-    let ordered = bytes.chunks_exact(element.bytes()).map(|number| {
-        let mut little = [0; 8];
-        little[..number.len()].copy_from_slice(number);
-        if endian == Endian::Big {
-            little[..number.len()].reverse();
-        }
-        little
-    });
-    let value = |little: [u8; 8]| match element {
-        Element::Voxel(voxel_type) => voxel_type.read(&little, 0),
-        Element::F16 => half::f16::from_le_bytes([little[0], little[1]]).to_f64(),
-        Element::I64 => i64::from_le_bytes(little) as f64,
-        Element::U64 => u64::from_le_bytes(little) as f64,
-        Element::F64 => f64::from_le_bytes(little),
-    };
-    ordered.map(value).collect()
 }
 
 /// The element of a plain datatype, as parsed: without the bits of its message.
@@ -245,12 +225,5 @@ mod tests {
         for length in 0..float.len() {
             assert!(of_message(&float[..length]).is_err());
         }
-    }
-
-    #[test]
-    fn numbers_of_either_order_are_read() {
-        assert_eq!(numbers_of(Element::I64, Endian::Big, &(-5i64).to_be_bytes()), [-5.0]);
-        assert_eq!(numbers_of(Element::F16, Endian::Little, &[0, 0x3c, 0, 0xc0]), [1.0, -2.0]);
-        assert_eq!(numbers_of(Element::Voxel(VoxelType::U16), Endian::Big, &[1, 2, 9]), [258.0]);
     }
 }

@@ -14,6 +14,13 @@ pub(super) struct Spread {
 }
 
 impl Spread {
+    /// Bytes between neighbours along each axis of the array.
+    pub(super) fn strides(&self, array: &ArrayLayout) -> [u64; 5] {
+        let mut strides = array.strides();
+        (strides[Axis::T as usize], strides[Axis::C as usize]) = (self.step_bytes, self.channel_bytes);
+        strides
+    }
+
     /// The distances in a layout: as told, otherwise without gaps.
     ///
     /// # Errors

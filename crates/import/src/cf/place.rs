@@ -1,0 +1,164 @@
+//! Places of voxels from the coordinates of their axes: spacing, origin, unit and times, where these are even.
+
+use super::axes::{Dim, Scale};
+use crate::axes::Axis;
+use crate::note::Note;
+use crate::source::SourceInfo;
+use brickyard_volume::units::LengthUnit;
+use brickyard_volume::{TimeAxis, time_unit};
+
+/// Largest difference of even coordinates from their line, as a part of the spacing.
+const EVEN: f64 = 1e-3;
+
+/// Coordinates along an axis.
+struct Line {
+    /// The variable of the coordinates.
+    name: String,
+    first: f64,
+    last: f64,
+    /// Distance from one to the next; negative if they descend.
+    step: f64,
+    units: Option<String>,
+}
+
+/// Sets spacing, origin, unit and times from the coordinates of the axes; spacing and origin only where nothing else has. Returns the
+/// axes along x, y, z whose coordinates descend: the volume is to be mirrored along them.
+pub(crate) fn place(info: &mut SourceInfo, dims: &[Dim], axes: &[Axis]) -> [bool; 3] {
+    let mut lines: [Option<Line>; 3] = [None, None, None];
+    let mut notes = Vec::new();
+    for (dim, axis) in dims.iter().zip(axes) {
+        let Some(scale) = &dim.scale else { continue };
+        let Some(coordinates) = &scale.coordinates else { continue };
+        match axis {
+            Axis::T => time(info, coordinates, scale.units.as_deref(), &mut notes),
+            Axis::C => {}
+            axis => {
+                let at = [Axis::X, Axis::Y, Axis::Z].iter().position(|a| a == axis).unwrap_or(0);
+                lines[at] = line(scale, coordinates, *axis, &mut notes);
+            }
+        }
+    }
+    let descend = if info.calibrated { [false; 3] } else { of_lines(info, &lines, &mut notes) };
+    info.notes.append(&mut notes);
+    descend
+}
+
+fn line(scale: &Scale, coordinates: &[f64], axis: Axis, notes: &mut Vec<Note>) -> Option<Line> {
+    let (first, last) = (*coordinates.first()?, *coordinates.last()?);
+    let units = scale.units.clone();
+    let count = coordinates.len();
+    if count == 1 {
+        return first.is_finite().then_some(Line { name: scale.name.clone(), first, last: first, step: 0.0, units });
+    }
+    let step = (last - first) / (count - 1) as f64;
+    // Single-precision coordinates are off by their rounding.
+    let rounding = if scale.is_single { f64::from(f32::EPSILON) * first.abs().max(last.abs()) } else { 0.0 };
+    let is_even = coordinates
+        .iter()
+        .enumerate()
+        .all(|(i, at)| (first + step * i as f64 - at).abs() <= EVEN * step.abs() + rounding);
+    if !is_even || step == 0.0 || !step.is_finite() {
+        let (name, axis) = (&scale.name, axis.letter());
+        notes.push(Note::warning(format!("The coordinates {name} are not evenly spaced: {axis} is not calibrated.")));
+        return None;
+    }
+    Some(Line { name: scale.name.clone(), first, last, step, units })
+}
+
+/// Whether units are degrees of any direction.
+fn is_angle(unit: &str) -> bool {
+    unit == "deg" || unit.starts_with("degree")
+}
+
+/// Calibrates the volume if every axis of more than one voxel has even coordinates, each axis in its own unit. Returns the
+/// axes whose coordinates descend.
+fn of_lines(info: &mut SourceInfo, lines: &[Option<Line>; 3], notes: &mut Vec<Note>) -> [bool; 3] {
+    let mut descend = [false; 3];
+    let extent = info.extent.to_array();
+    let is_known = |a: usize| lines[a].as_ref().is_some_and(|line| extent[a] == 1 || line.step != 0.0);
+    if lines.iter().all(Option::is_none) || (0..3).any(|a| extent[a] > 1 && !is_known(a)) {
+        return descend;
+    }
+    let units = lines.each_ref().map(|line| match line.as_ref().and_then(|line| line.units.as_deref()) {
+        Some(unit) if is_angle(unit) => "degree",
+        Some(unit) => unit,
+        None => "",
+    });
+    let Some(first) = (0..3).find(|a| extent[*a] > 1) else { return descend };
+    let is_length = |a: usize| LengthUnit::of_text(units[a]).is_some();
+    // Along an axis of one voxel, unlike units are no reason to give up a common unit.
+    let is_left_out = |a: usize| extent[a] == 1 && (lines[a].is_none() || is_length(first) && !is_length(a));
+    for a in (0..3).filter(|a| !is_left_out(*a)) {
+        let Some(line) = &lines[a] else { continue };
+        if extent[a] > 1 {
+            info.geometry.spacing[a] = line.step.abs();
+        }
+        info.geometry.origin[a] = line.first.min(line.last);
+        if line.step < 0.0 {
+            descend[a] = true;
+            let (Line { name, first, last, .. }, axis) = (line, [Axis::X, Axis::Y, Axis::Z][a].letter());
+            notes.push(Note::new(format!(
+                "The coordinates {name} descend from {first} to {last}: the volume is turned round along {axis}, so that they ascend."
+            )));
+        }
+    }
+    info.take_axis_units(std::array::from_fn(|a| if is_left_out(a) { units[first] } else { units[a] }));
+    (0..3).filter(|a| extent[*a] == 1).for_each(|a| info.geometry.spacing[a] = 1.0);
+    info.calibrated = true;
+    descend
+}
+
+/// Sets the times of the steps, in a unit such as `hours since 2000-01-01`.
+fn time(info: &mut SourceInfo, coordinates: &[f64], units: Option<&str>, notes: &mut Vec<Note>) {
+    let name = units.and_then(|units| units.split(" since ").next()).map(str::trim);
+    let unit = name.and_then(|name| time_unit(name).ok());
+    if let (Some(units), None) = (units, unit) {
+        notes.push(Note::warning(format!("Times are in {units}, which is no known unit: it is left out.")));
+    } else if let Some(units) = units.filter(|units| units.contains(" since ")) {
+        notes.push(Note::new(format!("Times are in {units}.")));
+    }
+    if coordinates.len() < 2 {
+        return;
+    }
+    match TimeAxis::of_stamps(coordinates.to_vec(), unit.map(str::to_owned)) {
+        Ok(axis) => info.time = Some(axis),
+        Err(problem) => notes.push(Note::warning(format!("The file's times are left out: {problem}."))),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::axes::Sizes;
+    use brickyard_volume::{Extent, Geometry, VoxelType};
+
+    fn placed(extent: [u32; 3], lines: [Option<(f64, f64, &str)>; 3]) -> Geometry {
+        let sizes = Sizes { extent: Extent::from_array(extent), channels: 1, times: 1 };
+        let mut info = SourceInfo::plain(sizes, VoxelType::F32);
+        let line = |(first, step, unit): (f64, f64, &str)| {
+            let (name, last) = ("a".into(), first + 8.0 * step);
+            Line { name, first, last, step, units: Some(unit.into()) }
+        };
+        of_lines(&mut info, &lines.map(|told| told.map(line)), &mut Vec::new());
+        assert!(info.calibrated);
+        info.geometry
+    }
+
+    #[test]
+    fn each_axis_has_its_own_unit_and_lengths_one() {
+        let map = placed(
+            [9; 3],
+            [(10.0, 0.25, "degrees_east"), (60.0, -0.5, "degrees_north"), (50.0, 25.0, "hPa")].map(Some),
+        );
+        assert_eq!((map.spacing, map.origin), (glam::DVec3::new(0.25, 0.5, 25.0), glam::DVec3::new(10.0, 56.0, 50.0)));
+        assert_eq!(map.units_in_words().as_deref(), Some("degree, degree, hPa"));
+        let lengths = placed([9; 3], [(0.0, 2.0, "km"), (4.0, 2.0, "km"), (300.0, 50.0, "m")].map(Some));
+        assert_eq!((lengths.spacing, lengths.unit.as_deref()), (glam::DVec3::new(2.0, 2.0, 0.05), Some("kilometer")));
+        assert_eq!(lengths.origin.z, 0.3);
+        // One level of pressure does not take the lengths their unit; one of a length does have its place.
+        let flat = placed([9, 9, 1], [(0.0, 2.0, "km"), (0.0, 2.0, "km"), (500.0, 0.0, "hPa")].map(Some));
+        assert_eq!((flat.spacing.z, flat.origin.z, flat.unit.as_deref()), (1.0, 0.0, Some("kilometer")));
+        let low = placed([9, 9, 1], [(0.0, 2.0, "km"), (0.0, 2.0, "km"), (500.0, 0.0, "m")].map(Some));
+        assert_eq!((low.spacing.z, low.origin.z, low.unit.as_deref()), (1.0, 0.5, Some("kilometer")));
+    }
+}
