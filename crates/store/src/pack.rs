@@ -316,8 +316,8 @@ pub enum PackError {
         /// Number of shards in all.
         total: u64,
     },
-    /// The source failed midway. Finished shards stay.
-    #[error("{error}; {done} of {total} shards of {store} are finished: correct the input and run again with `resume`")]
+    /// The source failed midway. Finished shards stay; without any, nothing does.
+    #[error("{error}{}", of_finished(*done, *total, store))]
     Source {
         /// The source's error.
         #[source]
@@ -396,6 +396,15 @@ pub enum PackError {
     Threads(String),
 }
 
+/// The end of the message about a failed source.
+fn of_finished(done: u64, total: u64, store: &Path) -> String {
+    if done == 0 {
+        return String::new();
+    }
+    let store = store.display();
+    format!("; {done} of {total} shards of {store} are finished: correct the input and run again with `resume`")
+}
+
 /// The user's remedy for a failed write, with the bytes still to be written, if known.
 pub(crate) fn cure(error: &std::io::Error, needed_bytes: Option<u64>) -> String {
     let more = needed_bytes.map(|bytes| format!(" (about {} MiB more)", bytes.div_ceil(1 << 20)));
@@ -452,7 +461,17 @@ pub(crate) fn pack_on(
     let pass = Pass { source, store: &output.dir, options, plan: &plan, disk, progress };
     let totals = (0..source.info().channels).map(|_| ChannelTotals::new(source.info().voxel_type)).collect();
     let passed = run_passes(&pass, &mut output.journal, totals);
-    let passed = passed.map_err(|(stop, reached)| stopped(stop, &reached, &output.dir, shards))?;
+    let passed = match passed {
+        Ok(passed) => passed,
+        Err((stop, reached)) => {
+            let error = stopped(stop, &reached, &output.dir, shards);
+            if matches!(error, PackError::Source { done: 0, .. }) {
+                // Nothing is worth resuming. A failed deletion leaves an unfinished pack, as other failures do.
+                let _ = output.abandon(disk);
+            }
+            return Err(error);
+        }
+    };
     let non_finite = passed.channels.iter().map(ChannelTotals::non_finite).sum();
     let nodata = passed.channels.iter().map(ChannelTotals::nodata).sum();
     let written_bytes = passed.written_bytes;

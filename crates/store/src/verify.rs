@@ -396,7 +396,7 @@ impl<'a> Verifier<'a> {
                 computed.mean = stored.mean;
             }
             computed.window = stored.window;
-            (computed.name, computed.color) = (stored.name.clone(), stored.color);
+            (computed.name, computed.color, computed.unit) = (stored.name.clone(), stored.color, stored.unit.clone());
             if computed != *stored {
                 let path = self.views[0].path().join("zarr.json");
                 let what = format!("attributes.brickyard.channels[{c}]: {}", difference(&computed, stored));

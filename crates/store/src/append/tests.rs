@@ -3,7 +3,7 @@
 use super::*;
 use crate::downsample::Downsample;
 use crate::pack::tests::trial::Trial;
-use crate::pack::tests::{Array, assert_same, files, level_voxels, mean_and_max, options, value};
+use crate::pack::tests::{Array, CancelledAtOnce, assert_same, files, level_voxels, mean_and_max, options, value};
 use crate::pack::{PackPlan, pack};
 use crate::verify::{documents as written, verify};
 use brickyard_import::{Access, ImportError, SourceInfo};
@@ -446,10 +446,8 @@ fn what_cannot_be_appended_to_is_refused_and_left_alone() {
     pack(&series, &grouped, &PackOptions { shard_times: 2, ..byte_options() }, &()).unwrap();
     assert!(refusal(&grouped).contains("2 time steps in a shard"));
     let unfinished = dir.path().join("u.zarr");
-    let failing = byte_step(0);
-    failing.fuse.store(9, Ordering::Relaxed);
     let create = |source: &Array<u8>| Appender::create(&unfinished, source, None, &byte_options(), &());
-    create(&failing).err().unwrap();
+    Appender::create(&unfinished, &byte_step(0), None, &byte_options(), &CancelledAtOnce).err().unwrap();
     assert!(refusal(&unfinished).contains("unfinished pack"));
     // The first step continues, another one does not; and a store is not created twice.
     let message = create(&byte_step(1)).err().unwrap().to_string();

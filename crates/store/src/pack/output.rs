@@ -17,7 +17,7 @@ use crate::folder::Folder;
 use crate::inside::{check_outside, named};
 use crate::json::read_json;
 use crate::layout::{JOURNAL_NAME, LOCK_NAME};
-use crate::pack::disk::{Disk, free_bytes, nearest, temporary, with_suffix};
+use crate::pack::disk::{Disk, DiskError, free_bytes, nearest, temporary, with_suffix};
 use crate::pack::journal::{Head, Journal};
 use crate::pack::lock::{self, DirLock};
 use crate::pack::plan::PackPlan;
@@ -115,6 +115,16 @@ impl<'a> Output<'a> {
             }
         }
         Err(PackError::Busy { store, holder: None })
+    }
+
+    /// Deletes everything written so far, and the directory if this pack made it.
+    ///
+    /// # Errors
+    /// If something cannot be deleted.
+    pub(crate) fn abandon(self, disk: &Disk) -> Result<(), DiskError> {
+        ours::remove(disk, &self.dir)?;
+        // Last, so that until then it is an unfinished pack.
+        ours::remove_file(disk, &self.dir.join(JOURNAL_NAME))
     }
 
     /// Moves the written store to its final place, deletes the store it replaces, and removes the journal.

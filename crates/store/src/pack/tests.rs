@@ -119,6 +119,15 @@ pub(crate) fn options(voxel_type: VoxelType) -> PackOptions {
     }
 }
 
+/// Cancels a pack at once, which leaves it unfinished.
+pub(crate) struct CancelledAtOnce;
+
+impl Progress for CancelledAtOnce {
+    fn is_cancelled(&self) -> bool {
+        true
+    }
+}
+
 pub(crate) fn files(dir: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     fn walk(root: &Path, dir: &Path, files: &mut BTreeMap<PathBuf, Vec<u8>>) {
         for entry in std::fs::read_dir(dir).unwrap() {
@@ -932,6 +941,23 @@ fn resume_checks_the_journal_against_the_files() {
     // Out of 18 + 4 + 1 + 1.
     assert_eq!(report.shards_resumed, 24 - 4);
     assert_same(&expected, &files(&store), "resumed");
+}
+
+/// A pack without a finished shard leaves nothing to clean up, and what was there.
+#[test]
+fn a_source_that_fails_at_once_leaves_nothing() {
+    let dir = tempfile::tempdir().unwrap();
+    let store = dir.path().join("s.zarr");
+    let source = Array::new([70, 40, 75], |p| value(p) as u8);
+    source.fuse.store(0, Ordering::Relaxed);
+    for exists in [Exists::Refuse, Exists::Resume] {
+        let error = pack(&source, &store, &PackOptions { exists, ..options(VoxelType::U8) }, &()).unwrap_err();
+        assert!(matches!(error, PackError::Source { done: 0, .. }) && !error.to_string().contains("resume"), "{error}");
+        assert!(!store.exists());
+    }
+    std::fs::create_dir(&store).unwrap();
+    pack(&source, &store, &options(VoxelType::U8), &()).unwrap_err();
+    assert_eq!(std::fs::read_dir(&store).unwrap().count(), 0);
 }
 
 #[test]

@@ -49,9 +49,7 @@ fn a_rehearsal_refuses_what_a_pack_refuses_and_leaves_no_trace() {
     let source = Array::<u8>::series([40, 20, 20], 1, 1, some_bytes);
     let plain = options(VoxelType::U8);
     pack(&source, &at("done.zarr"), &plain, &()).unwrap();
-    let failing = Array::<u8>::series([40, 20, 20], 1, 1, some_bytes);
-    failing.fuse.store(3, Ordering::Relaxed);
-    assert!(matches!(pack(&failing, &at("half.zarr"), &plain, &()), Err(PackError::Source { .. })));
+    assert!(matches!(pack(&source, &at("half.zarr"), &plain, &CancelledAtOnce), Err(PackError::Cancelled { .. })));
     std::fs::create_dir_all(at("other.zarr/things")).unwrap();
     std::fs::create_dir_all(at("edited.zarr")).unwrap();
     pack(&source, &at("edited.zarr"), &plain, &()).unwrap();
@@ -113,18 +111,13 @@ fn a_rehearsal_refuses_what_a_pack_refuses_and_leaves_no_trace() {
 fn a_disk_without_room_for_scratch_is_refused_by_both() {
     // Windows of planes do not fit into memory, and are rings on the disk.
     let mut source = Array::<u8>::series([40, 20, 20], 1, 1, some_bytes);
-    source.info.extent = Extent::new(1 << 26, 1 << 26, 100);
+    source.info.extent = Extent::new(1 << 20, 1 << 20, 100);
     source.access = Access::Planes;
-    let plain = PackOptions {
-        memory_bytes: u64::MAX >> 16,
-        threads: 1,
-        shard_edge: 1 << 10,
-        edge: 256,
-        ..options(VoxelType::U8)
-    };
+    let plain =
+        PackOptions { memory_bytes: 1 << 43, threads: 1, shard_edge: 1 << 10, edge: 256, ..options(VoxelType::U8) };
     let dir = tempfile::tempdir().unwrap();
     let plan = plan(&source, &plain).unwrap();
-    assert!(plan.scratch_bytes > 1 << 50, "{}", plan.scratch_bytes);
+    assert!(plan.scratch_bytes > 1 << 46, "{}", plan.scratch_bytes);
     let store = dir.path().join("s.zarr");
     for found in [rehearse(&source, &store, &plain, &()).err(), pack(&source, &store, &plain, &()).err()] {
         assert!(matches!(found, Some(PackError::NoRoom { .. })), "{found:?}");
@@ -173,7 +166,7 @@ fn the_first_voxel_that_differs_from_the_source_is_named() {
             let value = move |v: u32, p: [u32; 3]| {
                 let value = f32::from(some_bytes(v, p)) + v as f32;
                 if (p, v) == (odd, volume) {
-                    -0.0
+                    1234.5
                 } else if p[0] == 3 {
                     f32::NAN
                 } else if value == 9.0 {
@@ -210,7 +203,7 @@ fn the_first_voxel_that_differs_from_the_source_is_named() {
             let found = compare_within(&store, &other, 1 << 30, 2, |_, _| {}).unwrap().unwrap();
             let [x, y, z] = odd;
             let place = format!("voxel {x},{y},{z}, channel {}, time step {}: ", volume % 2, volume / 2);
-            assert!(found.what.contains(&place) && found.what.ends_with("-0 there"), "{}", found.what);
+            assert!(found.what.contains(&place) && found.what.ends_with(" 1234.5 there"), "{}", found.what);
         }
         let unmarked = make(nowhere, 0);
         assert!(compare_within(&store, &unmarked, 1 << 30, 2, |_, _| {}).unwrap().is_some(), "8 is data there");
