@@ -37,8 +37,8 @@ pub(crate) struct InputArguments {
     #[arg(help_heading = heading::INPUT, long)]
     axes: Option<AxisOrder>,
     /// Array or dataset to read, from a file of several, also as FILE::NAME; several, separated by commas, are channels.
-    /// Without an input, NAME=FILE for each channel, also NAME=FILE::PATH [default: the file's own choice, or its only
-    /// one]
+    /// Without an input, NAME=FILE for each channel, also NAME=FILE::PATH. A series, stack or segment of DICOM
+    /// [default: the file's own choice, or its only one]
     #[arg(help_heading = heading::INPUT, long, value_name = "NAME[,NAME...]|NAME=FILE")]
     variable: Vec<String>,
     /// One channel of several, by name or number; or made of all: their magnitude, or the phase of complex numbers

@@ -1,11 +1,14 @@
 //! DICOM series (CT, MR and the like): one slice per file, or enhanced files with a place for every frame.
 //!
-//! Opening reads all headers. Slices are sorted by position, never by name or number, and must be one upright, evenly spaced stack of one series,
-//! apart from missing ones left blank. Voxels are rescaled values (Hounsfield units of a CT): integers if slopes and intercepts are, else floats.
-//! If 16 stored bits and an intercept may not fit in 16 bits, opening decodes all slices once to decide. Reading decodes whole slices on request,
-//! in the memory of one slice per thread.
+//! Opening reads all headers. Slices are sorted by position, never by name or number, and must be one evenly spaced stack of one series,
+//! apart from missing ones left blank. Several at each position are channels and time steps. Voxels are rescaled values (Hounsfield units of a
+//! CT): integers if slopes and intercepts are, else floats. If 16 stored bits and an intercept may not fit in 16 bits, opening decodes all slices
+//! once to decide. Reading decodes whole slices on request, in the memory of one slice per thread.
 
+mod attributes;
+mod choice;
 mod decode;
+mod decode_bits;
 mod frames;
 #[cfg(test)]
 mod gap_tests;
@@ -16,12 +19,18 @@ mod mosaic;
 #[cfg(test)]
 mod mosaic_tests;
 mod pixels;
+mod segmentation;
+#[cfg(test)]
+mod segmentation_tests;
 mod stack;
 #[cfg(test)]
 mod tests;
 mod unit;
 #[cfg(test)]
 mod unknown_tests;
+mod volumes;
+#[cfg(test)]
+mod volumes_tests;
 
 use crate::axes::Sizes;
 use crate::dicom_files::files_in;
@@ -34,17 +43,24 @@ use crate::placement;
 use crate::raw::identity;
 use crate::source::{Access, Source, SourceInfo};
 use brickyard_volume::{ChannelLook, Extent, VoxelBox, VoxelType, counted, with_voxel_type};
+use choice::{Chosen, choose};
 use dicom_dictionary_std::{tags, uids};
 use frames::Frames;
 use glam::DVec3;
 use header::Header;
+use mosaic::Mosaic;
 use pixels::Meaning;
-use stack::{Names, Slice, kinds};
+use segmentation::{Segmentation, is_segmentation};
+use stack::{Names, Placement, Rules, Slice, kinds};
 use std::path::{Path, PathBuf};
 use unit::value_unit;
+use volumes::{Stacked, Volumes, tell_apart};
 
 /// Largest frame decoded in search of the smallest voxel type: there is no memory budget yet.
 const MOST_LOOKED_AT_BYTES: u64 = 256 << 20;
+
+/// Most stacks listed in a message.
+const MOST_LISTED: usize = 40;
 
 /// Most bytes of a damaged file searched for the UID of its series.
 const MOST_SEARCHED_BYTES: usize = 1 << 20;
@@ -55,7 +71,7 @@ pub(crate) struct DicomSeries {
     files: Vec<(Header, Frames)>,
     /// Slices, ascending along z.
     slices: Vec<Slice>,
-    /// Index of the slice at each z; `None` where one is missing, whose voxels are all `blank`.
+    /// Index of the slice at each z of each channel of each time step; `None` where one is missing, whose voxels are all `blank`.
     places: Vec<Option<usize>>,
     blank: f64,
 }
@@ -67,7 +83,7 @@ pub(crate) fn open_file(path: &Path, options: &OpenOptions) -> Result<Box<dyn So
     let folder = folder_of(path);
     if stands_alone(&header) {
         let notes = if options.is_step { Vec::new() } else { others_of_series(&header, folder) };
-        return DicomSeries::new(vec![header], options, notes).map(|s| Box::new(s) as _);
+        return open_chosen(vec![header], false, options, notes);
     }
     let mut series = Vec::new();
     let mut unread = Vec::new();
@@ -90,7 +106,29 @@ pub(crate) fn open_file(path: &Path, options: &OpenOptions) -> Result<Box<dyn So
         let warning = format!("{files} beside it cannot be read and {do_not} name a series: left out. {first}");
         notes.push(Note::warning(warning));
     }
-    DicomSeries::new(series, options, notes).map(|s| Box::new(s) as _)
+    open_chosen(series, true, options, notes)
+}
+
+/// Opens the files of one series among these, chosen by the options' `variable`. Localizers are left out of a whole folder or series
+/// (`is_folder`).
+fn open_chosen(
+    headers: Vec<Header>,
+    is_folder: bool,
+    options: &OpenOptions,
+    mut notes: Vec<Note>,
+) -> Result<Box<dyn Source>> {
+    let Chosen { mut headers, part, notes: others } = choose(headers, is_folder, options.variable.as_deref())?;
+    notes.extend(others);
+    let count = headers.len();
+    let Some(at) = headers.iter().position(is_segmentation) else {
+        return Ok(Box::new(DicomSeries::new(headers, part.as_deref(), options, notes)?));
+    };
+    if count > 1 {
+        let (path, files) = (&headers[at].path, counted(count as u64, "file"));
+        let problem = format!("is a segmentation in a series of {files}: each is a volume of its own; name one file");
+        return Err(ImportError::options(path, problem));
+    }
+    Ok(Box::new(Segmentation::open(headers.swap_remove(at), part.as_deref(), options, notes)?))
 }
 
 /// Notes the other files of a multi-frame file's series in the same folder, if any can be read.
@@ -133,7 +171,7 @@ pub(crate) fn series_of(path: &Path) -> Result<Option<String>> {
 
 /// Whether a file holds more than one slice of its series.
 fn stands_alone(header: &Header) -> bool {
-    header.number(tags::NUMBER_OF_FRAMES).is_some_and(|n| n > 1.0) || header.is_mosaic()
+    header.number(tags::NUMBER_OF_FRAMES).is_some_and(|n| n > 1.0) || header.is_mosaic() || is_segmentation(header)
 }
 
 /// Opens DICOM files of one series. Files without an image are skipped in a folder (`is_folder`), and an error in a list.
@@ -153,22 +191,11 @@ pub(crate) fn open_series(paths: &[PathBuf], is_folder: bool, options: &OpenOpti
     let (count, such_as) = (others.len(), others.first().map(|first| first.display()));
     let left_out =
         such_as.map(|first| Note::new(format!("{count} DICOM files without an image, such as {first}, are left out.")));
-    let Some(first) = headers.first() else {
+    if headers.is_empty() {
         let place = paths.first().and_then(|p| p.parent()).unwrap_or(Path::new("input"));
         return Err(ImportError::invalid(place, format!("{} DICOM files, none of them an image", paths.len())));
-    };
-    let series = kinds(&headers, |a, b| a.series() == b.series());
-    if series.len() > 1 {
-        let list: Vec<String> = series.iter().map(|&(first, count)| describe_series(&headers[first], count)).collect();
-        let place = first.path.parent().filter(|_| is_folder).unwrap_or(&first.path);
-        let problem = format!(
-            "{} series are mixed: {}. Name the files of one; a single file stands for the slices of its series",
-            series.len(),
-            list.join("; ")
-        );
-        return Err(ImportError::options(place, problem));
     }
-    DicomSeries::new(headers, options, left_out.into_iter().collect()).map(|s| Box::new(s) as _)
+    open_chosen(headers, is_folder, options, left_out.into_iter().collect())
 }
 
 fn is_image(header: &Header) -> bool {
@@ -180,13 +207,9 @@ fn check_is_image(header: &Header) -> Result<()> {
     is_image(header).then_some(()).ok_or_else(|| ImportError::invalid(&header.path, problem))
 }
 
-fn describe_series(header: &Header, count: usize) -> String {
-    let what = header.text(tags::SERIES_DESCRIPTION).map_or(String::new(), |d| format!(" \"{d}\""));
-    format!("{}{what} of {count} files, such as {}", header.series(), name_of(&header.path))
-}
-
 impl DicomSeries {
-    fn new(headers: Vec<Header>, options: &OpenOptions, mut notes: Vec<Note>) -> Result<Self> {
+    /// Opens the slices of a series, or of one stack in it.
+    fn new(headers: Vec<Header>, stack: Option<&str>, options: &OpenOptions, mut notes: Vec<Note>) -> Result<Self> {
         let mut files = headers
             .into_iter()
             .map(|header| Frames::find(&header).map(|frames| (header, frames)))
@@ -195,32 +218,38 @@ impl DicomSeries {
         let mut slices = Vec::new();
         for (file, (header, frames)) in files.iter().enumerate() {
             for frame in 0..frames.count() {
-                slices.push(find_slice(header, frames, file, frame, options)?);
+                let meaning = meaning_of(header, frames, frame, options.nodata)?;
+                slices.push(Slice { meaning, ..find_slice(header, frames.mosaic.as_ref(), [file, frame], options)? });
             }
         }
         let paths: Vec<PathBuf> = files.iter().map(|(header, _)| header.path.clone()).collect();
         let names = Names { paths: &paths, by_frame: files.iter().any(|(_, frames)| frames.count() > 1) };
-        let placement = stack::arrange(&mut slices, &names, options)?;
-        let mut places = vec![None; placement.levels.last().map_or(0, |level| *level as usize + 1)];
-        placement.levels.iter().enumerate().for_each(|(slice, level)| places[*level as usize] = Some(slice));
-        let missing = places.iter().filter(|place| place.is_none()).count();
+        let placement = place_stack(&mut slices, &files, &names, stack, options)?;
+        let stacked = Stacked { slices: &slices, levels: &placement.levels, files: &files, names: &names };
+        let volumes = tell_apart(&stacked, options.gaps)?;
         let [columns, rows] = files[0].1.size();
-        let extent = Extent::new(columns, rows, places.len() as u32);
-        let sizes = Sizes { extent, channels: 1, times: 1 };
+        let depth = placement.levels.last().map_or(0, |level| level + 1);
+        let channels = volumes.channels.len().max(1) as u32;
+        let sizes = Sizes { extent: Extent::new(columns, rows, depth), channels, times: volumes.times };
+        sizes.checked_bytes(1).map_err(|p| ImportError::invalid(&paths[0], p))?;
+        let mut places = vec![None; channels as usize * volumes.times as usize * depth as usize];
+        for (slice, (cell, level)) in volumes.cells.iter().zip(&placement.levels).enumerate() {
+            places[place_in(&sizes, cell.time, cell.channel, *level)] = Some(slice);
+        }
+        let missing = places.iter().filter(|place| place.is_none()).count();
         let Voxels { voxel_type, blank } = voxels_of(&files, &slices, missing > 0, options.held_as)?;
         check_exact(&files, &slices, voxel_type, missing > 0, options)?;
         sizes.checked_bytes(voxel_type.bytes()).map_err(|p| ImportError::invalid(&paths[0], p))?;
         // Padding kept as values makes other voxels from the same files.
         let is_padding_kept = options.nodata != NoData::OfFile && files.iter().any(|(header, _)| header.has_padding());
         let kind = if is_padding_kept { "dicom with padding as values" } else { "dicom" };
-        let mut info = SourceInfo { identity: identity(kind, &paths)?, ..SourceInfo::plain(sizes, voxel_type) };
+        let kind = stack.map_or(kind.to_owned(), |stack| format!("{kind}, stack {stack}"));
+        let mut info = SourceInfo { identity: identity(&kind, &paths)?, ..SourceInfo::plain(sizes, voxel_type) };
         info.geometry.spacing = placement.spacing;
         info.geometry.unit = Some("millimeter".into());
         info.calibrated = true;
-        let look = look_of(&files[0].0);
-        // The title of a later step is not its channel's name.
-        let name = look.name.filter(|_| options.held_as.is_none());
-        info.channel_looks = vec![ChannelLook { name, ..look }];
+        info.channel_looks = looks_of(&volumes, &slices, &files, options);
+        info.time = volumes.time;
         let padding = slices[0].meaning.nodata(voxel_type).or_else(|| padding_of_floats(&slices, voxel_type));
         info.knows_nodata = options.nodata == NoData::OfFile;
         info.nodata = padding.or((missing > 0 && !voxel_type.is_float()).then_some(blank));
@@ -239,7 +268,8 @@ impl DicomSeries {
             let mark = mark.map_or(String::new(), |value| format!(", marked by the value {value}"));
             notes.push(Note::warning(format!("{missing} of {all} {are} missing; their places hold no data{mark}.")));
         }
-        notes.extend(placement.note);
+        notes.extend(volumes.notes);
+        notes.extend(placement.notes);
         notes.extend(notes_on_values(&files, &slices, voxel_type));
         notes.extend(note_on_padding(&files, &slices, options.nodata));
         placement::set_matrix(placement.matrix, &mut info, &mut notes);
@@ -262,6 +292,74 @@ fn set_unit(files: &[(Header, Frames)], slices: &[Slice], info: &mut SourceInfo)
     } else if let Some(unit) = first {
         info.set_value_unit(&unit, "RescaleType or Units");
     }
+}
+
+/// Index of a slice's place among those of all volumes.
+fn place_in(sizes: &Sizes, time: u32, channel: u32, z: u32) -> usize {
+    let volume = time as usize * sizes.channels as usize + channel as usize;
+    volume * sizes.extent.z as usize + z as usize
+}
+
+/// Places the slices of one stack, and drops the others. Without a name of it, several stacks must be one volume.
+fn place_stack(
+    slices: &mut Vec<Slice>,
+    files: &[(Header, Frames)],
+    names: &Names,
+    stack: Option<&str>,
+    options: &OpenOptions,
+) -> Result<Placement> {
+    let rules = Rules::of(options);
+    let stack_of = |slice: &Slice| files[slice.file].0.written(slice.frame, tags::STACK_ID);
+    let stacks = kinds(slices, |a, b| stack_of(a) == stack_of(b));
+    let list = || {
+        let described = |(first, count): &(usize, usize)| {
+            let id = stack_of(&slices[*first]).unwrap_or_else(|| "(none)".into());
+            format!("{id} of {}", counted(*count as u64, "frame"))
+        };
+        stacks.iter().take(MOST_LISTED).map(described).collect::<Vec<_>>().join(", ")
+    };
+    let path = &files[slices[0].file].0.path;
+    if let Some(stack) = stack {
+        if !slices.iter().any(|slice| stack_of(slice).as_deref() == Some(stack)) {
+            let problem =
+                format!("`variable` '{stack}' names no stack (StackID) or series of it: its stacks are {}", list());
+            return Err(ImportError::options(path, problem));
+        }
+        slices.retain(|slice| stack_of(slice).as_deref() == Some(stack));
+    } else if stacks.len() > 1 {
+        let mut all = slices.clone();
+        let placed = stack::arrange(&mut all, names, rules);
+        let is_volume = |placement: &Placement| placement.levels.windows(2).all(|pair| pair[0] < pair[1]);
+        if let Some(placement) = placed.ok().filter(is_volume) {
+            *slices = all;
+            return Ok(placement);
+        }
+        let problem =
+            format!("{} stacks are in one series (StackID): {}. Choose one by `variable`", stacks.len(), list());
+        return Err(ImportError::options(path, problem));
+    }
+    stack::arrange(slices, names, rules)
+}
+
+/// The channels' looks: of a single one, the series' description; each with the window of its first file.
+fn looks_of(
+    volumes: &Volumes,
+    slices: &[Slice],
+    files: &[(Header, Frames)],
+    options: &OpenOptions,
+) -> Vec<ChannelLook> {
+    if volumes.channels.is_empty() {
+        let look = look_of(&files[0].0);
+        // The title of a later step is not its channel's name.
+        let name = look.name.filter(|_| options.held_as.is_none());
+        return vec![ChannelLook { name, ..look }];
+    }
+    let look = |(channel, name): (u32, &String)| {
+        let first = volumes.cells.iter().position(|cell| cell.channel == channel).unwrap_or(0);
+        let name = Some(name.clone()).filter(|name| name.is_ascii());
+        ChannelLook { name, ..look_of(&files[slices[first].file].0) }
+    };
+    (0..).zip(&volumes.channels).map(look).collect()
 }
 
 /// The channel's look: the series' description, and the window of the first file.
@@ -309,7 +407,13 @@ fn check_frames(header: &Header, count: u64) -> Result<()> {
     Ok(())
 }
 
-fn find_slice(header: &Header, frames: &Frames, file: usize, frame: usize, options: &OpenOptions) -> Result<Slice> {
+/// Finds the place of a slice, given by its file's index and its frame.
+fn find_slice(
+    header: &Header,
+    mosaic: Option<&Mosaic>,
+    [file, frame]: [usize; 2],
+    options: &OpenOptions,
+) -> Result<Slice> {
     let need = |tag, name: &str, count: usize, help: &str| {
         let found = header.numbers(frame, tag);
         found.clone().filter(|numbers| numbers.len() == count).ok_or_else(|| {
@@ -344,7 +448,7 @@ fn find_slice(header: &Header, frames: &Frames, file: usize, frame: usize, optio
     let steps = [(tags::SPACING_BETWEEN_SLICES, "SpacingBetweenSlices"), (tags::SLICE_THICKNESS, "SliceThickness")];
     let [along_row, along_column] = [vector(&directions), vector(&directions[3..])];
     let mut position = vector(&position);
-    if let Some(mosaic) = &frames.mosaic {
+    if let Some(mosaic) = mosaic {
         let help = "a mosaic has one place for all its slices; pass `spacing` X,Y,Z";
         let step_mm = match options.spacing {
             Some(spacing) => spacing.z,
@@ -369,7 +473,7 @@ fn find_slice(header: &Header, frames: &Frames, file: usize, frame: usize, optio
             let mm = header.numbers(frame, tag)?[0];
             (mm > 0.0).then_some((mm, name))
         }),
-        meaning: meaning_of(header, frames, frame, options.nodata)?,
+        meaning: Meaning::PLAIN,
     })
 }
 
@@ -575,9 +679,11 @@ impl Source for DicomSeries {
     fn read_box(&self, time: u32, channel: u32, region: VoxelBox, out: &mut [u8]) -> Result<(), ImportError> {
         self.info.check_box(time, channel, region, out);
         let plane_bytes = out.len() / region.extent().z as usize;
+        let SourceInfo { extent, channels, times, .. } = self.info;
+        let sizes = Sizes { extent, channels, times };
         for (z, plane) in (region.min.z..).zip(out.chunks_exact_mut(plane_bytes)) {
             let voxel_type = self.info.voxel_type;
-            let Some(slice) = self.places[z as usize] else {
+            let Some(slice) = self.places[place_in(&sizes, time, channel, z)] else {
                 fill(plane, voxel_type, self.blank);
                 continue;
             };

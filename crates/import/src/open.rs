@@ -377,8 +377,11 @@ fn check_used(format: Format, path: &Path, options: &OpenOptions) -> Result<()> 
         (
             "variable",
             options.variable.is_some(),
-            matches!(format, Format::Bdv | Format::Hdf5 | Format::NetCdf | Format::Npz | Format::Vtk | Format::Pvd),
-            "files of several arrays (HDF5, NetCDF, .npz, VTK)",
+            matches!(
+                format,
+                Format::Bdv | Format::Dicom | Format::Hdf5 | Format::NetCdf | Format::Npz | Format::Vtk | Format::Pvd
+            ),
+            "files of several arrays (HDF5, NetCDF, .npz, VTK) and DICOM series",
         ),
         ("gaps", options.gaps != Gaps::default(), format == Format::Dicom, "DICOM series"),
     ];

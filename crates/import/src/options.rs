@@ -89,7 +89,7 @@ pub struct OpenOptions {
     pub times: Option<u32>,
     /// Order of the axes, slowest first, in place of the file's or format's: of raw files, .npy, .npz and TIFF.
     pub axes: Option<AxisOrder>,
-    /// Name of the array to read, of a file with several.
+    /// Name of the array to read, of a file with several; of DICOM, the series (number, UID or description), stack or segment.
     pub variable: Option<String>,
     /// Arrays to read as the channels of one volume, in place of one `variable`.
     pub channel_arrays: Vec<ChannelArray>,

@@ -175,7 +175,7 @@ impl Frames {
 }
 
 /// Number of frames by the header, 1 by default.
-fn frame_count(header: &Header) -> Result<u64> {
+pub(super) fn frame_count(header: &Header) -> Result<u64> {
     let text = header.text(tags::NUMBER_OF_FRAMES).filter(|text| !text.is_empty());
     let Some(text) = text else { return Ok(1) };
     let count = text.parse::<f64>().ok().filter(|n| n.fract() == 0.0 && (1.0..=f64::from(u32::MAX)).contains(n));
@@ -191,9 +191,17 @@ fn packing_of(header: &Header) -> Result<Packing> {
         uids::RLE_LOSSLESS => Packing::Encapsulated(Codec::Rle),
         uids::JPEG_BASELINE8_BIT | uids::JPEG_LOSSLESS | uids::JPEG_LOSSLESS_SV1 => Packing::Encapsulated(Codec::Jpeg),
         uids::JPEG2000_LOSSLESS | uids::JPEG2000 => Packing::Encapsulated(Codec::Jpeg2000),
-        _ => {
+        other => {
             let name = header.syntax_name();
-            let advice = format!("decompress it, as gdcmconv --raw does; {READ} are read");
+            let tool = match other {
+                uids::JPEGLS_LOSSLESS | uids::JPEGLS_NEAR_LOSSLESS => "gdcmconv --raw or dcmdjpls does",
+                uids::HTJ2K | uids::HTJ2K_LOSSLESS | uids::HTJ2K_LOSSLESS_RPCL => {
+                    "pydicom's decompress() does with pylibjpeg-openjpeg"
+                }
+                uids::JPEG_EXTENDED12_BIT => "gdcmconv --raw or dcmdjpeg does",
+                _ => "gdcmconv --raw does",
+            };
+            let advice = format!("decompress it, as {tool}; {READ} are read");
             return Err(ImportError::unsupported_but(&header.path, format!("transfer syntax {name}"), &advice));
         }
     })

@@ -43,8 +43,43 @@ const DEEPEST: usize = 64;
 /// Elements kept from a data set.
 const WANTED: &[Tag] = &[
     tags::IMAGE_TYPE,
+    tags::FRAME_TYPE,
+    tags::COMPLEX_IMAGE_COMPONENT,
+    tags::SOP_CLASS_UID,
+    tags::SOP_INSTANCE_UID,
+    tags::MODALITY,
     tags::SERIES_DESCRIPTION,
     tags::SERIES_INSTANCE_UID,
+    tags::SERIES_NUMBER,
+    tags::STACK_ID,
+    tags::INSTANCE_NUMBER,
+    tags::ACQUISITION_NUMBER,
+    tags::ACQUISITION_DATE,
+    tags::ACQUISITION_TIME,
+    tags::ACQUISITION_DATE_TIME,
+    tags::FRAME_ACQUISITION_DATE_TIME,
+    tags::CONTENT_DATE,
+    tags::CONTENT_TIME,
+    tags::TEMPORAL_POSITION_IDENTIFIER,
+    tags::TEMPORAL_POSITION_INDEX,
+    tags::TEMPORAL_POSITION_TIME_OFFSET,
+    tags::TRIGGER_TIME,
+    tags::NOMINAL_CARDIAC_TRIGGER_DELAY_TIME,
+    tags::NOMINAL_PERCENTAGE_OF_CARDIAC_PHASE,
+    tags::FRAME_REFERENCE_TIME,
+    tags::ECHO_TIME,
+    tags::EFFECTIVE_ECHO_TIME,
+    tags::ECHO_NUMBERS,
+    tags::INVERSION_TIME,
+    tags::INVERSION_TIMES,
+    tags::FLIP_ANGLE,
+    tags::KVP,
+    tags::DIFFUSION_B_VALUE,
+    tags::DIFFUSION_GRADIENT_ORIENTATION,
+    tags::DIMENSION_INDEX_VALUES,
+    tags::SEGMENTATION_TYPE,
+    tags::MAXIMUM_FRACTIONAL_VALUE,
+    tags::REFERENCED_SEGMENT_NUMBER,
     tags::IMAGE_POSITION_PATIENT,
     tags::IMAGE_ORIENTATION_PATIENT,
     tags::SPACING_BETWEEN_SLICES,
@@ -77,6 +112,32 @@ const MACROS: &[Tag] = &[
     tags::PIXEL_MEASURES_SEQUENCE,
     tags::PIXEL_VALUE_TRANSFORMATION_SEQUENCE,
     tags::FRAME_VOILUT_SEQUENCE,
+    tags::FRAME_CONTENT_SEQUENCE,
+    tags::TEMPORAL_POSITION_SEQUENCE,
+    tags::CARDIAC_SYNCHRONIZATION_SEQUENCE,
+    tags::MR_IMAGE_FRAME_TYPE_SEQUENCE,
+    tags::CT_IMAGE_FRAME_TYPE_SEQUENCE,
+    tags::MR_ECHO_SEQUENCE,
+    tags::MR_DIFFUSION_SEQUENCE,
+    tags::MR_TIMING_AND_RELATED_PARAMETERS_SEQUENCE,
+    tags::MR_MODIFIER_SEQUENCE,
+    tags::SEGMENT_IDENTIFICATION_SEQUENCE,
+];
+
+/// Those without which frames have no place, scale or segment.
+const NEEDED: [Tag; 6] = [
+    tags::PLANE_POSITION_SEQUENCE,
+    tags::PLANE_ORIENTATION_SEQUENCE,
+    tags::PIXEL_MEASURES_SEQUENCE,
+    tags::PIXEL_VALUE_TRANSFORMATION_SEQUENCE,
+    tags::FRAME_VOILUT_SEQUENCE,
+    tags::SEGMENT_IDENTIFICATION_SEQUENCE,
+];
+
+/// Elements kept from each item of these sequences, outside of functional groups.
+const LISTS: &[(Tag, &[Tag])] = &[
+    (tags::DIMENSION_INDEX_SEQUENCE, &[tags::DIMENSION_INDEX_POINTER]),
+    (tags::SEGMENT_SEQUENCE, &[tags::SEGMENT_NUMBER, tags::SEGMENT_LABEL]),
 ];
 
 /// Longest value kept, also of a private element: Siemens' own header has some 10 kB. Longer ones count as missing.
@@ -105,6 +166,8 @@ pub(super) struct Header {
     top: Values,
     shared: Values,
     frames: Vec<Values>,
+    /// Items of each sequence of [`LISTS`].
+    lists: [Vec<Values>; LISTS.len()],
     /// Whether the file maps stored values by a table (Modality LUT) in place of slope and intercept.
     pub(super) has_value_table: bool,
     /// Element with the pixels; `None` in a file without an image.
@@ -195,6 +258,7 @@ impl Header {
     /// Drops all values, which reading pixels does not need.
     pub(super) fn forget_values(&mut self) {
         (self.top, self.shared, self.frames) = (Values::new(), Values::new(), Vec::new());
+        self.lists = Default::default();
     }
 
     /// Bytes held by the header, besides itself, without its values.
@@ -271,6 +335,12 @@ impl Header {
         self.top.get(&tag).map(|value| trimmed(value))
     }
 
+    /// An element's text in each item of a sequence of [`LISTS`]; `None` where it is missing.
+    pub(super) fn listed(&self, sequence: Tag, tag: Tag) -> Vec<Option<String>> {
+        let list = LISTS.iter().position(|(listed, _)| *listed == sequence).map_or(&[][..], |i| &self.lists[i]);
+        list.iter().map(|item| item.get(&tag).map(|value| trimmed(value))).collect()
+    }
+
     /// Collects the needed elements up to the pixel data.
     fn read_data_set(&mut self, bytes: &[u8], start: usize) -> Result<()> {
         // Unknown syntaxes are refused when their pixels are needed; headers are explicit little endian in all but the two oldest.
@@ -294,7 +364,9 @@ impl Header {
                         self.enter_unread(parents, tag)?;
                     }
                     let is_short = header.len.0 <= LONGEST_VALUE;
-                    let is_wanted = is_short && WANTED.contains(&tag) || self.is_of_mosaic(&header);
+                    let is_listed = |(list, wanted): &(Tag, &[Tag])| parents == [*list] && wanted.contains(&tag);
+                    let is_kept = WANTED.contains(&tag) || LISTS.iter().any(is_listed);
+                    let is_wanted = is_short && is_kept || self.is_of_mosaic(&header);
                     match self.values_at(parents).filter(|_| is_wanted) {
                         Some(values) => values.insert(tag, Arc::new(elements.read(&header)?)).map_or((), drop),
                         None => elements.skip(&header)?,
@@ -303,6 +375,11 @@ impl Header {
             }
         }
         Ok(())
+    }
+
+    /// Whether the file is a localizer (scout, topogram): a picture for planning the series.
+    pub(super) fn is_localizer(&self) -> bool {
+        self.text(tags::IMAGE_TYPE).is_some_and(|kinds| kinds.split('\\').any(|kind| kind.trim() == "LOCALIZER"))
     }
 
     /// Whether the file is a mosaic: the slices of a volume side by side in one picture.
@@ -356,6 +433,11 @@ impl Header {
         match (parents, tag) {
             ([], tags::MODALITY_LUT_SEQUENCE) => self.has_value_table = true,
             ([tags::PER_FRAME_FUNCTIONAL_GROUPS_SEQUENCE], ITEM) => self.frames.push(Values::new()),
+            ([list], ITEM) => {
+                if let Some(i) = LISTS.iter().position(|(listed, _)| listed == list) {
+                    self.lists[i].push(Values::new());
+                }
+            }
             _ => {}
         }
     }
@@ -364,8 +446,8 @@ impl Header {
     fn enter_unread(&mut self, parents: &[Tag], tag: Tag) -> Result<()> {
         const GROUPS: [Tag; 2] = [tags::SHARED_FUNCTIONAL_GROUPS_SEQUENCE, tags::PER_FRAME_FUNCTIONAL_GROUPS_SEQUENCE];
         let is_needed = match parents {
-            [] => GROUPS.contains(&tag),
-            [group] => GROUPS.contains(group) && MACROS.contains(&tag),
+            [] => GROUPS.contains(&tag) || tag == tags::SEGMENT_SEQUENCE,
+            [group] => GROUPS.contains(group) && NEEDED.contains(&tag),
             _ => false,
         };
         if is_needed {
@@ -382,6 +464,16 @@ impl Header {
             [] => Some(&mut self.top),
             [tags::SHARED_FUNCTIONAL_GROUPS_SEQUENCE, inner] if MACROS.contains(inner) => Some(&mut self.shared),
             [tags::PER_FRAME_FUNCTIONAL_GROUPS_SEQUENCE, inner] if MACROS.contains(inner) => self.frames.last_mut(),
+            // The only element wanted from deeper within.
+            [group, tags::MR_DIFFUSION_SEQUENCE, tags::DIFFUSION_GRADIENT_DIRECTION_SEQUENCE] => match *group {
+                tags::SHARED_FUNCTIONAL_GROUPS_SEQUENCE => Some(&mut self.shared),
+                tags::PER_FRAME_FUNCTIONAL_GROUPS_SEQUENCE => self.frames.last_mut(),
+                _ => None,
+            },
+            [list] => {
+                let i = LISTS.iter().position(|(listed, _)| listed == list)?;
+                self.lists[i].last_mut()
+            }
             _ => None,
         }
     }

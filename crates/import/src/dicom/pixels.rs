@@ -36,7 +36,9 @@ impl PixelFormat {
         };
         let samples = header.number(tags::SAMPLES_PER_PIXEL).unwrap_or(1.0);
         let photometric = header.text(tags::PHOTOMETRIC_INTERPRETATION).unwrap_or_default();
-        if samples != 1.0 || !(photometric.is_empty() || photometric.starts_with("MONOCHROME")) {
+        // Numbers of a palette are labels.
+        let is_label = photometric == "PALETTE COLOR" && header.text(tags::SEGMENTATION_TYPE).is_some();
+        if samples != 1.0 || !(is_label || photometric.is_empty() || photometric.starts_with("MONOCHROME")) {
             let feature = format!(
                 "a colour image ({photometric}, {samples} samples a pixel; expected MONOCHROME1 or MONOCHROME2 with 1)"
             );
@@ -181,6 +183,9 @@ impl Samples {
 }
 
 impl Meaning {
+    /// Stored numbers are the values.
+    pub(super) const PLAIN: Self = Self { slope: 1.0, intercept: 0.0, padding: None };
+
     #[inline]
     pub(super) fn value(&self, n: i64) -> f64 {
         n as f64 * self.slope + self.intercept

@@ -1,4 +1,7 @@
-//! Stack builder: sorts slices along their normal into one volume, and refuses them unless they form an upright, evenly spaced stack.
+//! Stack builder: sorts slices along their normal, and refuses them unless they form one evenly spaced stack, upright or leaning. Several slices
+//! may lie at each place of it.
+//!
+//! A leaning stack (a CT with a tilted gantry) keeps its voxels, and its lean as a shear of the matrix.
 //!
 //! Positions and directions are the patient's (mm; x to the left, y to the back, z to the head: "LPS"), as in files. The resulting matrix
 //! uses NIfTI's world, x to the right and y to the front, so that volumes of one patient align in any format.
@@ -19,8 +22,12 @@ const ROUNDING_TOLERANCE: f64 = 0.1;
 const WHOLE_TOLERANCE: f64 = 0.25;
 /// Largest difference of directions (a sine): over a stack's width of 1000 pixels, a tenth of a pixel.
 const DIRECTION_TOLERANCE: f64 = 1e-4;
-/// Largest lean of a stack from its first slice to its last, in pixels.
+/// Largest distance of a slice, sideways, from its place in the stack, in pixels. A stack leaning no more is upright.
 const LEAN_TOLERANCE_PX: f64 = 0.5;
+/// Most sideways for each millimetre along the normal, 60 degrees: gantries tilt by 30. Beyond, slices lie side by side.
+const MOST_LEAN: f64 = 1.7321;
+/// Most slices of a sparse stack, present or not; far more than scanners write.
+const MOST_SPARSE: u32 = 1 << 16;
 
 /// One slice and its place.
 #[derive(Clone, Debug)]
@@ -51,10 +58,26 @@ pub(super) struct Placement {
     pub(super) spacing: DVec3,
     /// World-from-voxel-centre matrix, by rows.
     pub(super) matrix: [[f64; 4]; 3],
-    /// Index of each slice along z: ascending from 0, without gaps except for missing slices.
+    /// Index of each slice along z: from 0, not descending, without gaps except for missing slices.
     pub(super) levels: Vec<u32>,
-    /// A sentence for the user if the spacing along z was assumed, averaged or differs from the positions.
-    pub(super) note: Option<Note>,
+    /// Sentences for the user: the spacing along z was assumed, averaged or differs from the positions; the stack leans.
+    pub(super) notes: Vec<Note>,
+}
+
+/// Rules for the distances of slices.
+#[derive(Clone, Copy)]
+pub(super) struct Rules {
+    pub(super) gaps: Gaps,
+    /// Spacing told by the user, which overrules the positions.
+    pub(super) spacing: Option<DVec3>,
+    /// Distance of a sparse stack's slices: any number of them may be missing.
+    pub(super) sparse_mm: Option<f64>,
+}
+
+impl Rules {
+    pub(super) fn of(options: &OpenOptions) -> Self {
+        Self { gaps: options.gaps, spacing: options.spacing, sparse_mm: None }
+    }
 }
 
 /// Slices sorted along z.
@@ -72,40 +95,42 @@ pub(super) struct Names<'a> {
 }
 
 impl Names<'_> {
-    fn of(&self, slice: &Slice) -> String {
+    pub(super) fn of(&self, slice: &Slice) -> String {
         let path = self.paths[slice.file].display();
         if self.by_frame { format!("{path} (frame {})", slice.frame + 1) } else { path.to_string() }
     }
 
-    fn refuse(&self, slice: &Slice, problem: String) -> ImportError {
+    pub(super) fn refuse(&self, slice: &Slice, problem: String) -> ImportError {
         let frame = if self.by_frame { format!("frame {}: ", slice.frame + 1) } else { String::new() };
         ImportError::invalid(&self.paths[slice.file], frame + &problem)
     }
 }
 
-/// Sorts the slices by their position along the normal and places the stack. By `options`, the distance between them is even but for missing
+/// Sorts the slices by their position along the normal and places the stack. By the rules, the distance between them is even but for missing
 /// slices (`gaps`), or else fixed, whatever the positions say (`spacing`).
 ///
 /// # Errors
-/// If the slices are not one upright stack: they differ in direction or pixel size, two lie in one place, the spacing is uneven, or the
-/// stack leans.
-pub(super) fn arrange(slices: &mut [Slice], names: &Names, options: &OpenOptions) -> Result<Placement> {
+/// If the slices are not one stack: they differ in direction or pixel size, the spacing is uneven, or they are not in line.
+pub(super) fn arrange(slices: &mut [Slice], names: &Names, rules: Rules) -> Result<Placement> {
     let first = slices[0].clone();
     check_directions(slices, names)?;
     let normal = first.along_row.cross(first.along_column).normalize();
     let depth = |s: &Slice| (s.position - first.position).dot(normal);
     slices.sort_by(|a, b| depth(a).total_cmp(&depth(b)).then((a.file, a.frame).cmp(&(b.file, b.frame))));
-    let along = match slices {
+    let (ones, place_of) = places(slices, depth);
+    let lean = lean_of(&ones, normal, names)?;
+    check_beside(slices, &ones, &place_of, names)?;
+    let along = match &ones[..] {
         [one] => alone(one),
         _ => {
-            let gaps: Vec<f64> = slices.windows(2).map(|pair| depth(&pair[1]) - depth(&pair[0])).collect();
-            let along = along(&gaps, slices, normal, names, options)?;
-            check_lean(slices, normal, names)?;
-            along
+            let gaps: Vec<f64> =
+                ones.windows(2).map(|pair| (depth(&pair[1]) - depth(&pair[0])) * lean.stretch()).collect();
+            along(&gaps, &Stack { slices: &ones, normal, names }, rules)?
         }
     };
     let spacing = DVec3::new(first.pixel_mm[0], first.pixel_mm[1], along.spacing);
-    let axes = DMat3::from_cols(first.along_row * spacing.x, first.along_column * spacing.y, normal * spacing.z);
+    let step = (normal + lean.shear) * (spacing.z / lean.stretch());
+    let axes = DMat3::from_cols(first.along_row * spacing.x, first.along_column * spacing.y, step);
     // From the patient's left and back to the world's right and front.
     let flip = DVec3::new(-1.0, -1.0, 1.0);
     let origin = slices[0].position * flip;
@@ -113,7 +138,27 @@ pub(super) fn arrange(slices: &mut [Slice], names: &Names, options: &OpenOptions
         let row = axes.row(r) * flip[r];
         [row.x, row.y, row.z, origin[r]]
     });
-    Ok(Placement { spacing, matrix, levels: along.levels, note: along.note })
+    let levels = place_of.iter().map(|place| along.levels[*place]).collect();
+    Ok(Placement { spacing, matrix, levels, notes: along.note.into_iter().chain(lean.note()).collect() })
+}
+
+/// Finds the places of slices sorted by depth: the first slice of each, and the index of each slice's place.
+fn places(slices: &[Slice], depth: impl Fn(&Slice) -> f64) -> (Vec<Slice>, Vec<usize>) {
+    let gaps = slices.windows(2).map(|pair| depth(&pair[1]) - depth(&pair[0]));
+    let mut positive: Vec<f64> = gaps.filter(|gap| *gap > 1e-6).collect();
+    positive.sort_by(f64::total_cmp);
+    let typical = positive.get(positive.len() / 2).copied().unwrap_or(0.0);
+    let mut ones: Vec<Slice> = Vec::new();
+    let mut place_of = Vec::with_capacity(slices.len());
+    for slice in slices {
+        // From the place's first slice, so small distances do not add up.
+        let is_new = ones.last().is_none_or(|one| depth(slice) - depth(one) > (SPACING_TOLERANCE * typical).max(1e-6));
+        if is_new {
+            ones.push(slice.clone());
+        }
+        place_of.push(ones.len() - 1);
+    }
+    (ones, place_of)
 }
 
 /// A stack of one slice.
@@ -187,24 +232,37 @@ pub(super) fn kinds<T>(items: &[T], same: impl Fn(&T, &T) -> bool) -> Vec<(usize
     kinds
 }
 
-/// Places sorted slices along z. They must lie apart, at distances by the rule.
-fn along(gaps: &[f64], slices: &[Slice], normal: DVec3, names: &Names, options: &OpenOptions) -> Result<Along> {
-    let mut positive: Vec<f64> = gaps.iter().copied().filter(|g| *g > 1e-6).collect();
-    positive.sort_by(f64::total_cmp);
-    let [nearest, typical] = [0, positive.len() / 2].map(|i| positive.get(i).copied().unwrap_or(0.0));
-    check_doubles(gaps, typical, slices, names)?;
+/// Places of a stack, each by its first slice.
+#[derive(Clone, Copy)]
+struct Stack<'a> {
+    slices: &'a [Slice],
+    normal: DVec3,
+    names: &'a Names<'a>,
+}
+
+/// Places sorted slices along z, at distances by the rules.
+fn along(gaps: &[f64], stack: &Stack<'_>, rules: Rules) -> Result<Along> {
+    let Stack { slices, normal, names } = *stack;
+    let mut sorted = gaps.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let [nearest, typical] = [0, sorted.len() / 2].map(|i| sorted.get(i).copied().unwrap_or(0.0));
     let mean = gaps.iter().sum::<f64>() / gaps.len() as f64;
     let even = |note| Along { spacing: mean, levels: (0..slices.len() as u32).collect(), note };
+    let rounding = rounding_along(slices, normal);
+    if let Some(mm) = rules.sparse_mm {
+        let steps = Steps { mm, rounding };
+        return with_gaps(gaps, steps, MOST_SPARSE).ok_or_else(|| uneven(gaps, steps, stack, rules));
+    }
     if gaps.iter().all(|gap| !is_uneven(*gap, typical)) {
         return Ok(even(None));
     }
-    let rounding = rounding_along(slices, normal);
     // Among many gaps, the step is the least distance.
     let tried = [typical, nearest].map(|mm| Steps { mm, rounding });
-    let steps = tried.into_iter().find(|steps| with_gaps(gaps, *steps).is_some()).unwrap_or(tried[0]);
-    let [least, most] = [gaps.iter().copied().fold(f64::MAX, f64::min), gaps.iter().copied().fold(0.0, f64::max)];
-    let apart = format!("Slices are {least:.4} to {most:.4} mm apart");
-    match (options.gaps, options.spacing) {
+    let most = 2 * slices.len() as u32;
+    let steps = tried.into_iter().find(|steps| with_gaps(gaps, *steps, most).is_some()).unwrap_or(tried[0]);
+    let [least, greatest] = [gaps.iter().copied().fold(f64::MAX, f64::min), gaps.iter().copied().fold(0.0, f64::max)];
+    let apart = format!("Slices are {least:.4} to {greatest:.4} mm apart");
+    match (rules.gaps, rules.spacing) {
         (Gaps::Refuse, Some(DVec3 { z: mm, .. })) => {
             let place = |i: usize| gaps[..i].iter().sum::<f64>();
             let moved = |i: usize| (mm * i as f64 - place(i)).abs();
@@ -219,27 +277,13 @@ fn along(gaps: &[f64], slices: &[Slice], normal: DVec3, names: &Names, options: 
         _ if is_rounding(gaps, rounding, mean) => Ok(even(Some(Note::new(format!(
             "{apart}, which the rounding of their positions explains: {mean:.4} mm is taken for all."
         ))))),
-        (Gaps::Blank, _) => with_gaps(gaps, steps).ok_or_else(|| uneven(gaps, steps, slices, names)),
-        (Gaps::Refuse, None) => Err(uneven(gaps, steps, slices, names)),
+        (Gaps::Blank, _) => with_gaps(gaps, steps, most).ok_or_else(|| uneven(gaps, steps, stack, rules)),
+        (Gaps::Refuse, None) => Err(uneven(gaps, steps, stack, rules)),
     }
 }
 
 fn is_uneven(gap: f64, expected: f64) -> bool {
     (gap - expected).abs() > SPACING_TOLERANCE * expected
-}
-
-/// Checks that no two slices lie in one place.
-fn check_doubles(gaps: &[f64], typical: f64, slices: &[Slice], names: &Names) -> Result<()> {
-    let is_double = |gap: &f64| *gap <= SPACING_TOLERANCE * typical;
-    let Some(at) = gaps.iter().position(is_double) else { return Ok(()) };
-    let (a, b) = (&slices[at], &slices[at + 1]);
-    let (other, position, count) = (names.of(a), show(b.position), slices.len());
-    let positions = count - gaps.iter().filter(|gap| is_double(gap)).count();
-    let problem = format!(
-        "has the position of {other}, {position}: {count} slices at {positions} positions; name the files of one time \
-         step, echo or phase only, each once"
-    );
-    Err(names.refuse(b, problem))
 }
 
 /// Distance between adjacent slices, and the rounding error of a position, mm.
@@ -260,9 +304,9 @@ impl Steps {
     }
 }
 
-/// Places slices along z with gaps between them; `None` unless all distances are whole numbers of steps, and no more slices are missing than
-/// present.
-fn with_gaps(gaps: &[f64], steps: Steps) -> Option<Along> {
+/// Places slices along z with gaps between them; `None` unless all distances are whole numbers of steps, and there are at most so many slices,
+/// missing ones included.
+fn with_gaps(gaps: &[f64], steps: Steps, most: u32) -> Option<Along> {
     let mut levels = vec![0u32];
     for gap in gaps {
         let last = levels.last().copied().unwrap_or(0);
@@ -270,10 +314,11 @@ fn with_gaps(gaps: &[f64], steps: Steps) -> Option<Along> {
     }
     let last = levels.last().copied().unwrap_or(0);
     let spacing = gaps.iter().sum::<f64>() / f64::from(last);
-    (u64::from(last) < 2 * levels.len() as u64).then_some(Along { spacing, levels, note: None })
+    (last < most).then_some(Along { spacing, levels, note: None })
 }
 
-fn uneven(gaps: &[f64], steps: Steps, slices: &[Slice], names: &Names) -> ImportError {
+fn uneven(gaps: &[f64], steps: Steps, stack: &Stack<'_>, rules: Rules) -> ImportError {
+    let Stack { slices, names, .. } = *stack;
     let expected = steps.mm;
     let count = gaps.iter().filter(|gap| is_uneven(**gap, expected)).count();
     let off = |i: usize| (gaps[i] - expected).abs();
@@ -284,7 +329,8 @@ fn uneven(gaps: &[f64], steps: Steps, slices: &[Slice], names: &Names) -> Import
         format!(" ({} {are} missing between them)", counted(missing, "slice"))
     });
     let advice = match missing {
-        Some(_) if with_gaps(gaps, steps).is_some() => {
+        _ if rules.sparse_mm.is_some() => format!("frames lie at whole steps, and within {MOST_SPARSE} of them"),
+        Some(_) if with_gaps(gaps, steps, 2 * slices.len() as u32).is_some() => {
             "add the missing files, or pass `gaps` blank to leave their places without data".into()
         }
         Some(_) => "add the missing files, or name those of an evenly spaced part".into(),
@@ -317,29 +363,84 @@ fn is_rounding(gaps: &[f64], rounding: f64, mean: f64) -> bool {
     gaps.iter().all(|gap| (gap - mean).abs() <= most.min(ROUNDING_TOLERANCE * mean))
 }
 
-/// Checks that sorted slices lie straight above one another.
-fn check_lean(slices: &[Slice], normal: DVec3, names: &Names) -> Result<()> {
-    let first = &slices[0];
-    let lean = |s: &Slice| {
-        let offset = s.position - first.position;
-        (offset - normal * offset.dot(normal)).length()
-    };
-    let Some(worst) = slices.iter().max_by(|a, b| lean(a).total_cmp(&lean(b))) else { return Ok(()) };
-    let pixel = first.pixel_mm[0].min(first.pixel_mm[1]);
-    if lean(worst) <= LEAN_TOLERANCE_PX * pixel {
-        return Ok(());
+/// The lean of a stack: the way sideways for each millimetre along the normal; zero of an upright one.
+#[derive(Clone, Copy)]
+struct Lean {
+    shear: DVec3,
+}
+
+impl Lean {
+    /// Distance from slice to slice for each millimetre along the normal.
+    fn stretch(self) -> f64 {
+        (1.0 + self.shear.length_squared()).sqrt()
     }
-    let along = (worst.position - first.position).dot(normal);
-    let (lean, first) = (lean(worst), names.of(first));
-    let degrees = (lean / along).atan().to_degrees();
+
+    fn note(self) -> Option<Note> {
+        let degrees = self.shear.length().atan().to_degrees();
+        (degrees > 0.0).then(|| {
+            Note::new(format!(
+                "The stack leans by {degrees:.2} degrees (a tilted gantry): its voxels are kept, and the volume is drawn \
+                 leaning, by its orientation."
+            ))
+        })
+    }
+}
+
+/// Finds the lean of sorted places, which must lie in line.
+fn lean_of(ones: &[Slice], normal: DVec3, names: &Names) -> Result<Lean> {
+    let upright = Lean { shear: DVec3::ZERO };
+    let [first, .., last] = ones else { return Ok(upright) };
+    let depth = |s: &Slice| (s.position - first.position).dot(normal);
+    let aside = |s: &Slice| s.position - first.position - normal * depth(s);
+    let pixel = first.pixel_mm[0].min(first.pixel_mm[1]);
+    let off = |shear: DVec3, s: &Slice| (aside(s) - shear * depth(s)).length();
+    let worst_by = |shear: DVec3| ones.iter().max_by(|a, b| off(shear, a).total_cmp(&off(shear, b))).unwrap_or(last);
+    let is_in_line = |shear: DVec3| off(shear, worst_by(shear)) <= LEAN_TOLERANCE_PX * pixel;
+    if is_in_line(DVec3::ZERO) {
+        return Ok(upright);
+    }
+    let shear = aside(last) / depth(last);
+    let is_steep = shear.length() > MOST_LEAN;
+    if !is_steep && is_in_line(shear) {
+        return Ok(Lean { shear });
+    }
+    let worst = worst_by(shear);
+    let (off, degrees) = (off(shear, worst), shear.length().atan().to_degrees());
+    let (first, last) = (names.of(first), names.of(last));
+    if is_steep {
+        let problem = format!(
+            "slices from {first} to {last} are shifted sideways by {degrees:.2} degrees: pictures side by side are no \
+             stack; name the files of one"
+        );
+        return Err(names.refuse(worst, problem));
+    }
     let problem = format!(
-        "the stack leans: slices are shifted sideways by {lean:.3} mm over {along:.3} mm ({degrees:.2} degrees, a tilted \
-         gantry), from {first} to here; a store holds upright volumes only: resample it first (dcm2niix does)"
+        "the stack is not straight: this slice lies {off:.3} mm beside the line from {first} to {last} (which leans by \
+         {degrees:.2} degrees); a volume's slices are shifted evenly: resample the series first (dcm2niix does)"
     );
     Err(names.refuse(worst, problem))
 }
 
-fn show(v: DVec3) -> String {
+/// Checks that slices of one place lie on one another.
+fn check_beside(slices: &[Slice], ones: &[Slice], place_of: &[usize], names: &Names) -> Result<()> {
+    for (slice, place) in slices.iter().zip(place_of) {
+        let one = &ones[*place];
+        let off = (slice.position - one.position).length();
+        // False for NaN.
+        let is_on_it = off <= LEAN_TOLERANCE_PX * one.pixel_mm[0].min(one.pixel_mm[1]);
+        if !is_on_it {
+            let (other, position) = (names.of(one), show(slice.position));
+            let problem = format!(
+                "lies beside {other}, {off:.3} mm away in the same plane, at {position}: pictures side by side are no \
+                 stack; name the files of one"
+            );
+            return Err(names.refuse(slice, problem));
+        }
+    }
+    Ok(())
+}
+
+pub(super) fn show(v: DVec3) -> String {
     format!("({}, {}, {})", round(v.x), round(v.y), round(v.z))
 }
 

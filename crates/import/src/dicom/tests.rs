@@ -67,7 +67,7 @@ impl Written {
         self
     }
 
-    fn sequence(&mut self, tag: Tag, items: Vec<InMemDicomObject>) -> &mut Self {
+    pub(super) fn sequence(&mut self, tag: Tag, items: Vec<InMemDicomObject>) -> &mut Self {
         self.0.put(DataElement::new(tag, VR::SQ, DataSetSequence::from(items)));
         self
     }
@@ -273,7 +273,7 @@ fn one_file_stands_for_its_series_and_a_list_for_itself() {
         "2 series",
         "1.2.3 of 5 files, such as IM",
         "1.2.9 \"scout\" of 1 files, such as IM9",
-        "Name the files",
+        "by `variable`",
     ]);
 }
 
@@ -562,7 +562,9 @@ fn stacks_that_are_not_a_volume_are_refused_with_numbers() {
     ]);
     Folder::of([at(0.0), at(0.0)]).refused(&["2 slices at 1 positions"]);
     // A shift by 1 mm for each mm: 45 degrees.
-    Folder::of([moved("0\\0\\0"), moved("0\\1\\1"), moved("0\\2\\2")]).refused(&["leans", "45.00 degrees", "dcm2niix"]);
+    Folder::of([moved("0\\0\\0"), moved("0\\1\\1"), moved("0\\3\\2")]).refused(&["IM1", "beside the line", "dcm2niix"]);
+    Folder::of([moved("0\\0\\0"), moved("0\\9\\1")]).refused(&["sideways by 83.66 degrees", "side by side"]);
+    Folder::of([moved("0\\0\\0"), moved("9\\0\\0")]).refused(&["IM1: lies beside", "9.000 mm away"]);
     let mut turned = at(4.0);
     turned.text(tags::IMAGE_ORIENTATION_PATIENT, VR::DS, "0\\1\\0\\0\\0\\-1");
     Folder::of([turned, at(0.0), at(2.0)])
