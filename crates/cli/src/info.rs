@@ -35,6 +35,7 @@ struct Info<'a> {
     origin: [f64; 3],
     unit: Option<&'a str>,
     /// Units of x, y and z where these are not one unit of length; an unknown one is empty.
+    #[serde(skip_serializing_if = "Option::is_none")]
     axis_units: Option<&'a [String; 3]>,
     calibrated: bool,
     levels: Vec<LevelInfo>,

@@ -63,6 +63,7 @@ struct Units<'a> {
     /// Unit of `world`.
     unit: Option<&'a str>,
     /// Units of x, y and z of `world` where these are not one unit of length; an unknown one is empty.
+    #[serde(skip_serializing_if = "Option::is_none")]
     axis_units: Option<&'a [String; 3]>,
 }
 
@@ -92,6 +93,7 @@ impl<'a> Units<'a> {
 struct Value<'a> {
     name: Option<&'a str>,
     /// Unit of `value`.
+    #[serde(skip_serializing_if = "Option::is_none")]
     unit: Option<&'a str>,
     /// `null` where there is no value.
     value: Option<f64>,
@@ -116,6 +118,7 @@ struct FoundCurve<'a> {
 struct Values<'a> {
     name: Option<&'a str>,
     /// Unit of `values`.
+    #[serde(skip_serializing_if = "Option::is_none")]
     unit: Option<&'a str>,
     /// One for each step; `null` where there is no value.
     values: Vec<Option<f64>>,

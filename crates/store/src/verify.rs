@@ -389,7 +389,7 @@ impl<'a> Verifier<'a> {
         problems.extend(check_counts(&self.views[0], &totals));
         for (c, (totals, stored)) in totals.iter().zip(&self.views[0].info().channels).enumerate() {
             let mut computed = totals.finish();
-            // A float's mean depends in its last digits on the order of summation; the window, name and colour are a
+            // A float's mean depends in its last digits on the order of summation; the window, name, colour and unit are a
             // choice.
             let near = (computed.mean - stored.mean).abs() <= 1e-9 * stored.range[0].abs().max(stored.range[1].abs());
             if near {
