@@ -32,12 +32,16 @@ COLLECTIONS = {
     "spam==0.9.1": False,
     "napari-stress==0.4.2": False,
     "pyvista==0.49.1": False,
+    "pyfive==1.3.0": True,
+    "mrcfile==1.5.4": True,
+    "scipy==1.17.1": False,
+    "h5py==3.16.0": False,
 }
 TIFF = re.compile(r"\.(tif|tiff|btf|tf8)$", re.I)
 NIFTI = re.compile(r"\.(nii|nii\.gz|hdr|hdr\.gz|img|img\.gz)$", re.I)
 # What is no volume, or none that is read: it must be refused by what it is.
 OTHER = re.compile(
-    r"\.(ply|mgz|mgh|mnc|par|rec|brik|brik\.gz|head|trk|tck|gii|gii\.gz|npz|jp2|j2k|jxl|webp|gif|h5|dat|bin)$",
+    r"\.(ply|mgz|mgh|par|rec|brik|brik\.gz|head|trk|tck|gii|gii\.gz|jp2|j2k|jxl|webp|gif|dat|bin)$",
     re.I,
 )
 # Of each kind of other file, as many as show how it is refused.
@@ -79,6 +83,9 @@ def all_collection_cases(data):
 
 
 def collection_cases(collection, root):
+    # Not at the top: it uses this file's `in_five`.
+    from differential_files import ARRAYS, array_cases
+
     others = {}
     for folder, folders, names in os.walk(root):
         folders.sort()
@@ -101,6 +108,8 @@ def collection_cases(collection, root):
                 yield picture_case(label, collection, path)
             elif name.lower().endswith((".vti", ".vtk")):
                 yield vtk_case(label, collection, path)
+            elif ARRAYS.search(name):
+                yield from array_cases(label, collection, path)
             elif found := OTHER.search(name):
                 kind = found[1].lower()
                 others[kind] = others.get(kind, 0) + 1

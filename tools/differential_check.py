@@ -17,6 +17,13 @@ import numpy as np
 BLAME = re.compile(
     r"cut short|damaged|fetch the file again|write the file again|write it again|corrupt|malformed|not a (TIFF|NIfTI|DICOM)|missing\)", re.I
 )
+# Damaged files whose damage Pillow passes over.
+DAMAGED = {
+    "hopper_bad_exif.jpg": "a restart marker is missing",
+    "junk_jpeg_header.jpg": "bytes between segments",
+    "photoshop-200dpi-broken.jpg": "bytes between segments",
+    "truncated_app14.jpg": "a segment is cut short",
+}
 # Volumes of a file (steps times channels) that are compared, the first and last among them.
 MOST_VOLUMES = 24
 
@@ -125,9 +132,10 @@ class Checker:
             return Result(case, "WRONG-CODE", f"exit {code}: {message}")
         if ":" not in message:
             return Result(case, "WRONG-REFUSAL", f"exit {code} without a message: {said!r}")
-        if code == 2 and "--" not in message and "name the files" not in message.lower():
+        if code == 2 and not re.search("--|name the files|choose one", message, re.I):
             return Result(case, "WRONG-CODE", f"exit 2, but no flag settles it: {message}")
-        blamed = BLAME.search(message) and "not supported" not in message
+        is_damaged = pathlib.Path(case.inputs[0]).name in DAMAGED
+        blamed = BLAME.search(message) and "not supported" not in message and not is_damaged
         if reference is not None and not case.must_refuse and blamed:
             return Result(
                 case,

@@ -24,6 +24,8 @@ def picture_reference(paths, labels=False):
     # As t, c, z, y, x.
     array = np.stack(planes).transpose(3, 0, 1, 2)[np.newaxis]
     jpeg = paths[0].suffix in (".jpg", ".jpeg")
+    if jpeg and array.shape[1] > 1 and array.shape[-1] <= 4:
+        raise ValueError("libjpeg does not interpolate the colours of so few pixels")
     return Reference(array, tolerance=TOLERANCES[array.shape[1]] if jpeg else 0.0)
 
 

@@ -45,7 +45,7 @@ pub(super) struct SpimData {
     pub(super) places: BTreeMap<(u32, u32), Affine>,
 }
 
-/// What was read so far.
+/// State of the parser.
 #[derive(Default)]
 struct Reading {
     loader: Option<String>,
