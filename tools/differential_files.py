@@ -3,6 +3,7 @@
 import re
 
 import h5py
+import mrcfile
 import nibabel
 import numpy as np
 from scipy.io import netcdf_file
@@ -26,7 +27,7 @@ def array_cases(label, collection, path):
         with open(path, "rb") as file:
             start = file.read(216)
         if start[:2] == b"\x1f\x8b" or start[208:211] == b"MAP":
-            yield Case(label, collection, "MRC", "found", [path], lambda: mrc_reference(path, [1, 2, 3]))
+            yield Case(label, collection, "MRC", "found", [path], lambda: of_mrc(path))
         return
     try:
         found = {"npz": of_npz, "nc": of_netcdf, "mnc": of_minc}.get(kind, of_hdf5)(path)
@@ -36,6 +37,15 @@ def array_cases(label, collection, path):
         flags = ["--variable", name] if name else []
         format = {"npz": "npz", "nc": "NetCDF", "mnc": "MINC 1"}.get(kind, "HDF5")
         yield Case(f"{label}::{name}" if name else label, collection, format, "found", [path], reference, flags)
+
+
+def of_mrc(path):
+    with mrcfile.open(path, permissive=True, header_only=True) as mrc:
+        map_axes = [int(mrc.header[name]) for name in ("mapc", "mapr", "maps")]
+    found = mrc_reference(path, map_axes)
+    # A single image may have no depth.
+    found.spacing = found.spacing if min(found.spacing) > 0 else None
+    return found
 
 
 def fits(array):

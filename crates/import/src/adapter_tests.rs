@@ -4,9 +4,10 @@
 use crate::axes::Sizes;
 use crate::choice::{ChannelChoice, StepChoice};
 use crate::error::ImportError;
-use crate::open::{open, take};
+use crate::open::open;
 use crate::options::{HeldAs, NoData, OpenOptions};
 use crate::source::{Access, Lent, Source, SourceInfo, Take};
+use crate::taken::take;
 use crate::testing::{said, temp_file};
 use brickyard_volume::{ChannelLook, Extent, Orientation, TimeAxis, VoxelBox, VoxelType, with_voxel_type};
 use glam::DVec3;

@@ -192,7 +192,7 @@ fn check_alike(part: &NamedArray, first: &NamedArray) -> Result<()> {
     let (own, other) = (part.source.info(), first.source.info());
     let differs = |what: &str, own: String, other: String, way_on: &str| {
         let (name, first) = (&part.name, shown(first));
-        Err(ImportError::options(
+        Err(ImportError::invalid(
             &part.path,
             format!("{what} of {name} is {own}, but that of {first} is {other}: {way_on}"),
         ))

@@ -58,6 +58,7 @@ mod files;
 mod folder;
 mod foreign;
 mod format;
+mod format_of;
 mod gzip;
 #[cfg(feature = "hdf5")]
 mod hdf5;
@@ -101,6 +102,7 @@ mod step_time;
 mod steps_tests;
 mod strided;
 mod synth;
+mod taken;
 pub mod temporary;
 #[cfg(test)]
 mod testing;
