@@ -39,6 +39,7 @@ impl PlanText<'_> {
             "spacing": geometry.spacing.to_array(),
             "origin": geometry.origin.to_array(),
             "unit": geometry.unit,
+            "axis_units": geometry.axis_units,
             "calibrated": calibrated,
             "orientation": orientation,
             "memory_bytes": self.plan.memory_bytes,
@@ -64,7 +65,7 @@ impl PlanText<'_> {
         let spacing = match self.info.calibrated {
             true => {
                 let [x, y, z] = geometry.spacing.to_array().map(short);
-                format!("spacing {x},{y},{z} {}", geometry.unit.as_deref().unwrap_or("(no unit)"))
+                format!("spacing {x},{y},{z} {}", geometry.units_in_words().unwrap_or_else(|| "(no unit)".into()))
             }
             false => "uncalibrated".into(),
         };
@@ -123,6 +124,17 @@ mod tests {
             (&json["axes"], &json["extent"], &json["seconds"]),
             (&json!("tzyx"), &json!([30, 20, 10]), &Value::Null)
         );
+    }
+
+    #[test]
+    fn axes_of_unlike_units_are_told() {
+        let source = SynthSource::new(SynthKind::Ct, Extent::new(30, 20, 10), VoxelType::U8, 1, 1).unwrap();
+        let plan = plan(&source, &PackOptions { threads: 1, ..PackOptions::new(VoxelType::U8) }).unwrap();
+        let mut info = source.info().clone();
+        info.geometry.take_units(["degree", "degree", "hPa"]);
+        let told = PlanText { info: &info, plan: &plan, time: None };
+        assert!(told.words().contains(" degree, degree, hPa: at most "), "{}", told.words());
+        assert_eq!(told.json()["axis_units"], json!(["degree", "degree", "hPa"]));
     }
 
     #[test]
