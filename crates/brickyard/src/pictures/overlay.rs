@@ -30,7 +30,7 @@ pub struct World<'a> {
     pub corners: (DVec3, DVec3),
     /// Whether it is a patient's.
     pub is_anatomical: bool,
-    /// The unit of its distances, as [`unit`] gives it.
+    /// The unit of its distances, as [`unit()`] gives it.
     pub unit: &'a str,
     /// The units of its axes; empty where unknown.
     pub axis_units: [&'a str; 3],
