@@ -1,5 +1,5 @@
 //! The Blosc-1 container: blocks of streams, of one compressor, of shuffled elements. Read here for the filter of HDF5 and for bricks of
-//! stores. Costs a buffer of one block.
+//! stores; the shuffle goes both ways. Costs a buffer of one block.
 //!
 //! ```text
 //! 0  format version 2 | 1  codec version | 2  flags | 3  typesize | 4  nbytes u32 | 8  blocksize u32 | 12  cbytes u32
@@ -7,12 +7,17 @@
 //!                                       length u32, then the compressor's bytes, or uncompressed ones if the length is full
 //! ```
 
-const HEADER_BYTES: usize = 16;
-const VERSION: u8 = 2;
-const BYTE_SHUFFLE: u8 = 0x01;
-const STORED: u8 = 0x02;
+/// Bytes before the starts of blocks.
+pub const HEADER_BYTES: usize = 16;
+/// The format's version.
+pub const VERSION: u8 = 2;
+/// Flag of shuffled bytes.
+pub const BYTE_SHUFFLE: u8 = 0x01;
+/// Flag of bytes without compression.
+pub const STORED: u8 = 0x02;
 const BIT_SHUFFLE: u8 = 0x04;
-const NOT_SPLIT: u8 = 0x10;
+/// Flag of blocks of one stream.
+pub const NOT_SPLIT: u8 = 0x10;
 /// c-blosc does not split wider types, or streams shorter than this.
 const MAX_SPLITS: usize = 16;
 const MIN_STREAM_BYTES: usize = 128;
@@ -170,6 +175,24 @@ fn read_u32(bytes: &[u8], at: usize) -> Option<usize> {
     Some(u32::from_le_bytes(*four) as usize)
 }
 
+/// Writes the first bytes of all elements to `out`, then their second bytes, and so on. Bytes past the last whole
+/// element stay in place.
+pub fn shuffle(typesize: usize, data: &[u8], out: &mut [u8]) {
+    let count = data.len() / typesize;
+    let (body, rest) = data.split_at(count * typesize);
+    let (planes, out_rest) = out.split_at_mut(count * typesize);
+    match typesize {
+        2 => wide::split_2(body, planes),
+        4 => wide::split_4(body, planes),
+        _ => {
+            for (k, plane) in planes.chunks_exact_mut(count.max(1)).enumerate() {
+                plane.iter_mut().zip(body.chunks_exact(typesize)).for_each(|(p, v)| *p = v[k]);
+            }
+        }
+    }
+    out_rest.copy_from_slice(rest);
+}
+
 /// Puts bytes back of which the first ones of all elements come first, then their second ones, and so on. Bytes past the last whole
 /// element stay in place.
 pub fn unshuffle(typesize: usize, data: &[u8], out: &mut [u8]) {
@@ -206,6 +229,20 @@ mod wide {
         };
     }
 
+    dispatched!(split_2, data, planes, {
+        let (low, high) = planes.split_at_mut(data.len() / 2);
+        for ((v, l), h) in data.as_chunks::<2>().0.iter().zip(low).zip(high) {
+            [*l, *h] = *v;
+        }
+    });
+    dispatched!(split_4, data, planes, {
+        let (ab, cd) = planes.split_at_mut(data.len() / 2);
+        let ((a, b), (c, d)) = (ab.split_at_mut(data.len() / 4), cd.split_at_mut(data.len() / 4));
+        for ((((v, a), b), c), d) in data.as_chunks::<4>().0.iter().zip(a).zip(b).zip(c).zip(d) {
+            let v = u32::from_le_bytes(*v);
+            (*a, *b, *c, *d) = (v as u8, (v >> 8) as u8, (v >> 16) as u8, (v >> 24) as u8);
+        }
+    });
     dispatched!(join_2, planes, data, {
         let (low, high) = planes.split_at(data.len() / 2);
         for ((v, &l), &h) in data.as_chunks_mut::<2>().0.iter_mut().zip(low).zip(high) {

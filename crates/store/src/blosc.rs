@@ -12,17 +12,10 @@
 
 use crate::error::CodecError;
 use crate::scratch::Scratch;
-use brickyard_import::blosc::{self, Failure};
+use brickyard_import::blosc::{self, BYTE_SHUFFLE, Failure, HEADER_BYTES, NOT_SPLIT, STORED, VERSION, ZSTD, shuffle};
 
-const HEADER_BYTES: usize = 16;
 /// Overhead of a container with one stream, in bytes: the header, one block start, one stream length.
 pub(crate) const OVERHEAD_BYTES: usize = HEADER_BYTES + 8;
-
-const VERSION: u8 = 2;
-const BYTE_SHUFFLE: u8 = 0x01;
-const STORED: u8 = 0x02;
-const NOT_SPLIT: u8 = 0x10;
-const ZSTD: u8 = 4;
 
 /// Appends `data` (voxels of `typesize` bytes) to `out` as one container.
 pub(crate) fn encode(scratch: &mut Scratch, typesize: usize, level: i32, data: &[u8], out: &mut Vec<u8>) {
@@ -70,58 +63,6 @@ pub(crate) fn decode(scratch: &mut Scratch, container: &[u8], out: &mut [u8]) ->
         }
         Failure::Stream(error) => error,
     })
-}
-
-/// Writes the first bytes of all elements to `out`, then their second bytes, and so on. Bytes past the last whole
-/// element stay in place.
-pub(crate) fn shuffle(typesize: usize, data: &[u8], out: &mut [u8]) {
-    let count = data.len() / typesize;
-    let (body, rest) = data.split_at(count * typesize);
-    let (planes, out_rest) = out.split_at_mut(count * typesize);
-    match typesize {
-        2 => wide::split_2(body, planes),
-        4 => wide::split_4(body, planes),
-        _ => {
-            for (k, plane) in planes.chunks_exact_mut(count.max(1)).enumerate() {
-                plane.iter_mut().zip(body.chunks_exact(typesize)).for_each(|(p, v)| *p = v[k]);
-            }
-        }
-    }
-    out_rest.copy_from_slice(rest);
-}
-
-/// Loops for 2 and 4 bytes that compile to vector shifts; also compiled for AVX2, used if available.
-mod wide {
-    macro_rules! dispatched {
-        ($(#[$doc:meta])* $name:ident, $from:ident, $to:ident, $body:block) => {
-            $(#[$doc])*
-            pub(super) fn $name($from: &[u8], $to: &mut [u8]) {
-                #[cfg(target_arch = "x86_64")]
-                if std::arch::is_x86_feature_detected!("avx2") {
-                    #[target_feature(enable = "avx2")]
-                    fn avx2($from: &[u8], $to: &mut [u8]) $body
-                    // SAFETY: the processor has the feature.
-                    return unsafe { avx2($from, $to) };
-                }
-                $body
-            }
-        };
-    }
-
-    dispatched!(split_2, data, planes, {
-        let (low, high) = planes.split_at_mut(data.len() / 2);
-        for ((v, l), h) in data.as_chunks::<2>().0.iter().zip(low).zip(high) {
-            [*l, *h] = *v;
-        }
-    });
-    dispatched!(split_4, data, planes, {
-        let (ab, cd) = planes.split_at_mut(data.len() / 2);
-        let ((a, b), (c, d)) = (ab.split_at_mut(data.len() / 4), cd.split_at_mut(data.len() / 4));
-        for ((((v, a), b), c), d) in data.as_chunks::<4>().0.iter().zip(a).zip(b).zip(c).zip(d) {
-            let v = u32::from_le_bytes(*v);
-            (*a, *b, *c, *d) = (v as u8, (v >> 8) as u8, (v >> 16) as u8, (v >> 24) as u8);
-        }
-    });
 }
 
 #[cfg(test)]

@@ -3,7 +3,7 @@
 use crate::open::open as open_any;
 use crate::options::OpenOptions;
 use crate::source::{Source, SourceInfo};
-use crate::testing::{Field, assert_boxes, is_warned, said, temp_file};
+use crate::testing::{Field, Opened, assert_boxes, is_warned, open_in, said, temp_file};
 use brickyard_volume::VoxelType;
 use glam::DVec3;
 use proptest::prelude::*;
@@ -31,28 +31,12 @@ fn mha(keys: &str, data: &[u8]) -> Vec<u8> {
     [keys.as_bytes(), b"ElementDataFile = LOCAL\n", data].concat()
 }
 
-/// An open file, in a folder that lasts as long.
-struct Opened {
-    source: Box<dyn Source>,
-    _folder: tempfile::TempDir,
-}
-
-impl std::ops::Deref for Opened {
-    type Target = dyn Source;
-
-    fn deref(&self) -> &Self::Target {
-        &*self.source
-    }
-}
-
 fn opened(name: &str, bytes: &[u8]) -> Opened {
-    let (folder, path) = temp_file(name, bytes);
-    Opened { source: open_any(&[path], &options()).unwrap(), _folder: folder }
+    open_in(temp_file(name, bytes), &options()).unwrap()
 }
 
 fn refusal(bytes: &[u8]) -> String {
-    let (_folder, path) = temp_file("a.mha", bytes);
-    open_any(&[path], &options()).err().unwrap().to_string()
+    open_in(temp_file("a.mha", bytes), &options()).err().unwrap()
 }
 
 const BYTES: &str = "ObjectType = Image\nNDims = 3\nBinaryData = True\nDimSize = 2 3 4\nElementType = MET_UCHAR\n";

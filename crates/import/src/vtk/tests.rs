@@ -2,8 +2,7 @@
 
 use crate::open::open;
 use crate::options::OpenOptions;
-use crate::source::Source;
-use crate::testing::{Field, assert_boxes, is_warned, said, temp_file};
+use crate::testing::{Field, Opened, assert_boxes, is_warned, open_in, said, temp_file};
 use brickyard_volume::{Extent, VoxelBox, VoxelType};
 use glam::DVec3;
 use proptest::prelude::*;
@@ -139,28 +138,12 @@ fn array_of(field: Field) -> String {
     format!("type=\"{}\" Name=\"a\" NumberOfComponents=\"{}\"", xml_type(field.voxel_type), field.sizes[3])
 }
 
-/// A source, and the folder of its file.
-struct Opened {
-    source: Box<dyn Source>,
-    _folder: tempfile::TempDir,
-}
-
-impl std::ops::Deref for Opened {
-    type Target = dyn Source;
-
-    fn deref(&self) -> &Self::Target {
-        &*self.source
-    }
-}
-
 fn opened(bytes: &[u8], options: &OpenOptions) -> Opened {
-    let (folder, path) = temp_file("a.xyz", bytes);
-    Opened { source: open(&[path], options).unwrap_or_else(|error| panic!("{error}")), _folder: folder }
+    open_in(temp_file("a.xyz", bytes), options).unwrap_or_else(|error| panic!("{error}"))
 }
 
 fn refusal(bytes: &[u8]) -> String {
-    let (_folder, path) = temp_file("a.vti", bytes);
-    open(&[path], &OpenOptions::default()).err().unwrap().to_string()
+    open_in(temp_file("a.vti", bytes), &OpenOptions::default()).err().unwrap()
 }
 
 /// Words of a field's numbers.
