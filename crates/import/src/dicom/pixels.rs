@@ -204,29 +204,81 @@ impl Meaning {
 
     /// Converts a row of stored numbers of `N` bytes to voxels.
     #[inline]
-    fn row<const N: usize>(&self, src: &[u8], number: impl Fn([u8; N]) -> i64, voxel_type: VoxelType, out: &mut [u8]) {
+    fn row<const N: usize>(&self, src: &[u8], stored: impl Fn([u8; N]) -> i64, voxel_type: VoxelType, out: &mut [u8]) {
         let (src, _) = src.as_chunks::<N>();
         let value = |n: i64| self.value(n);
         if let (VoxelType::F32, Some([least, greatest])) = (voxel_type, self.padding) {
             let (out, _) = out.as_chunks_mut::<4>();
             for (out, bytes) in out.iter_mut().zip(src) {
-                let n = number(*bytes);
+                let n = stored(*bytes);
                 let voxel = if (least..=greatest).contains(&n) { f32::NAN } else { value(n) as f32 };
                 *out = voxel.to_le_bytes();
             }
             return;
         }
         let [least, greatest] = self.padding.unwrap_or([i64::MAX, i64::MIN]);
-        let number = |bytes| {
-            let n = number(bytes);
+        let padded = |bytes| {
+            let n = stored(bytes);
             if (least..=greatest).contains(&n) { least } else { n }
         };
         with_voxel_type!(voxel_type, T => {
             let (out, _) = out.as_chunks_mut::<{ size_of::<T>() }>();
+            if N < 4 && self.is_whole() && !voxel_type.is_float() {
+                // The value modulo 2^32 is the value, in a type that fits it.
+                let (slope, intercept) = (self.slope as i32, self.intercept as i32);
+                let [least, greatest] = [least, greatest].map(|n| n.clamp(i32::MIN.into(), i32::MAX.into()) as i32);
+                for (out, bytes) in out.iter_mut().zip(src) {
+                    let n = stored(*bytes) as i32;
+                    let n = if (least <= n) & (n <= greatest) { least } else { n };
+                    *out = (n.wrapping_mul(slope).wrapping_add(intercept) as T).to_le_bytes();
+                }
+                return;
+            }
             for (out, bytes) in out.iter_mut().zip(src) {
                 // Exact for integers: the chosen type fits all values.
-                *out = (value(number(*bytes)) as T).to_le_bytes();
+                *out = (value(padded(*bytes)) as T).to_le_bytes();
             }
         });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        /// Voxels of whole values are the formula's, for any bits, padding and type.
+        #[test]
+        fn whole_values_are_exact(
+            (bits, shift) in (1u32..=16).prop_flat_map(|bits| (Just(bits), 0..=16 - bits)),
+            signed: bool,
+            (slope, intercept) in (-3i32..=9, -40_000i32..=40_000),
+            padding in prop::option::of((-300i64..300, 0i64..100)),
+            raw in prop::collection::vec(any::<u16>(), 8),
+        ) {
+            let format = PixelFormat { columns: 8, rows: 1, width: 2, bits, shift, signed };
+            let padding = padding.map(|(least, more)| [least, least + more]);
+            let meaning = Meaning { slope: slope.into(), intercept: intercept.into(), padding };
+            let number = |raw: u16| {
+                let n = i64::from(raw >> shift) & ((1 << bits) - 1);
+                let n = if signed && n >> (bits - 1) == 1 { n - (1 << bits) } else { n };
+                padding.filter(|[least, greatest]| (*least..=*greatest).contains(&n)).map_or(n, |[least, _]| least)
+            };
+            let expected: Vec<i64> = raw.iter().map(|&raw| number(raw) * i64::from(slope) + i64::from(intercept)).collect();
+            let bytes: Vec<u8> = raw.iter().flat_map(|raw| raw.to_le_bytes()).collect();
+            let samples = Samples { bytes, width: 2, endian: Endian::Little };
+            for voxel_type in VoxelType::ALL.into_iter().filter(|t| !t.is_float()) {
+                if !expected.iter().all(|&value| voxel_type.holds(value as f64)) {
+                    continue;
+                }
+                let mut out = vec![0; 8 * voxel_type.bytes()];
+                samples.deliver(&format, &meaning, voxel_type, VoxelBox::new([0; 3], [8, 1, 1]), &mut out);
+                with_voxel_type!(voxel_type, T => {
+                    let voxels = out.as_chunks::<{ size_of::<T>() }>().0.iter().map(|v| T::from_le_bytes(*v) as i64);
+                    prop_assert_eq!(voxels.collect::<Vec<_>>(), expected.clone());
+                });
+            }
+        }
     }
 }
