@@ -170,8 +170,8 @@ impl Source for Component {
         &self.info
     }
 
-    fn access(&self) -> Access {
-        self.source.access()
+    fn beneath(&self) -> Option<&dyn Source> {
+        Some(&*self.source)
     }
 
     fn reader_bytes(&self) -> u64 {
@@ -184,14 +184,6 @@ impl Source for Component {
             }
         };
         self.source.reader_bytes().saturating_add(own)
-    }
-
-    fn held_bytes(&self) -> u64 {
-        self.source.held_bytes()
-    }
-
-    fn scratch_bytes(&self) -> u64 {
-        self.source.scratch_bytes()
     }
 
     fn read_box(&self, time: u32, channel: u32, region: VoxelBox, out: &mut [u8]) -> Result<(), ImportError> {

@@ -237,8 +237,8 @@ impl Source for Converted {
         &self.info
     }
 
-    fn access(&self) -> Access {
-        self.source.access()
+    fn beneath(&self) -> Option<&dyn Source> {
+        Some(&*self.source)
     }
 
     fn reader_bytes(&self) -> u64 {
@@ -250,14 +250,6 @@ impl Source for Converted {
         };
         let piece = extent.volume().saturating_mul(from).min(PIECE_BYTES);
         self.source.reader_bytes().saturating_add(plane.max(piece))
-    }
-
-    fn held_bytes(&self) -> u64 {
-        self.source.held_bytes()
-    }
-
-    fn scratch_bytes(&self) -> u64 {
-        self.source.scratch_bytes()
     }
 
     fn read_box(&self, time: u32, channel: u32, region: VoxelBox, out: &mut [u8]) -> Result<(), ImportError> {

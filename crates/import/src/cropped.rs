@@ -2,7 +2,7 @@
 //! where the other source lends.
 
 use crate::error::{ImportError, Result};
-use crate::source::{Access, Source, SourceInfo, Take};
+use crate::source::{Source, SourceInfo, Take};
 use brickyard_volume::{PlacementError, VoxelBox};
 use glam::DVec3;
 
@@ -39,20 +39,8 @@ impl Source for Cropped {
         &self.info
     }
 
-    fn access(&self) -> Access {
-        self.source.access()
-    }
-
-    fn reader_bytes(&self) -> u64 {
-        self.source.reader_bytes()
-    }
-
-    fn held_bytes(&self) -> u64 {
-        self.source.held_bytes()
-    }
-
-    fn scratch_bytes(&self) -> u64 {
-        self.source.scratch_bytes()
+    fn beneath(&self) -> Option<&dyn Source> {
+        Some(&*self.source)
     }
 
     fn read_box(&self, time: u32, channel: u32, region: VoxelBox, out: &mut [u8]) -> Result<(), ImportError> {

@@ -5,8 +5,7 @@
 //! the patient, and left stays left. ITK's `FlipImageFilter` does the same. A box is read as in the other source, once, and turned in place.
 
 use crate::error::{ImportError, Result};
-use crate::source::{Access, Source, SourceInfo, Take};
-use crate::step_time::StepTime;
+use crate::source::{Source, SourceInfo, Take};
 use brickyard_volume::{PlacementError, VoxelBox};
 use glam::DVec3;
 
@@ -55,24 +54,8 @@ impl Source for Mirrored {
         &self.info
     }
 
-    fn access(&self) -> Access {
-        self.source.access()
-    }
-
-    fn reader_bytes(&self) -> u64 {
-        self.source.reader_bytes()
-    }
-
-    fn held_bytes(&self) -> u64 {
-        self.source.held_bytes()
-    }
-
-    fn scratch_bytes(&self) -> u64 {
-        self.source.scratch_bytes()
-    }
-
-    fn step_time(&self) -> StepTime {
-        self.source.step_time()
+    fn beneath(&self) -> Option<&dyn Source> {
+        Some(&*self.source)
     }
 
     fn read_box(&self, time: u32, channel: u32, region: VoxelBox, out: &mut [u8]) -> Result<(), ImportError> {

@@ -2,7 +2,7 @@
 
 use crate::error::{ImportError, Result};
 use crate::part::Part;
-use crate::source::{Access, Source, SourceInfo, Take};
+use crate::source::{Source, SourceInfo, Take};
 use brickyard_volume::{TimeAxis, TimeProblem, VoxelBox};
 
 /// A source of some channels and steps of another one, with their looks and times.
@@ -53,20 +53,8 @@ impl Source for Picked {
         &self.info
     }
 
-    fn access(&self) -> Access {
-        self.source.access()
-    }
-
-    fn reader_bytes(&self) -> u64 {
-        self.source.reader_bytes()
-    }
-
-    fn held_bytes(&self) -> u64 {
-        self.source.held_bytes()
-    }
-
-    fn scratch_bytes(&self) -> u64 {
-        self.source.scratch_bytes()
+    fn beneath(&self) -> Option<&dyn Source> {
+        Some(&*self.source)
     }
 
     fn read_box(&self, time: u32, channel: u32, region: VoxelBox, out: &mut [u8]) -> Result<(), ImportError> {

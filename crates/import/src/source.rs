@@ -191,29 +191,34 @@ pub trait Source: Send + Sync {
     /// Description of the source: sizes, voxel type and geometry.
     fn info(&self) -> &SourceInfo;
 
+    /// The source from which an adapter reads; its access, memory, scratch files and stored times are the adapter's by default.
+    fn beneath(&self) -> Option<&dyn Source> {
+        None
+    }
+
     /// Preferred shape of the requested boxes, [`Access::Box`] by default.
     fn access(&self) -> Access {
-        Access::Box
+        self.beneath().map_or(Access::Box, |source| source.access())
     }
 
     /// Most memory in bytes of one thread reading a box, besides the filled buffer.
     fn reader_bytes(&self) -> u64 {
-        0
+        self.beneath().map_or(0, |source| source.reader_bytes())
     }
 
     /// Memory in bytes of the open source, where it grows with the number of files.
     fn held_bytes(&self) -> u64 {
-        0
+        self.beneath().map_or(0, |source| source.held_bytes())
     }
 
     /// Most bytes of scratch files held at a time.
     fn scratch_bytes(&self) -> u64 {
-        0
+        self.beneath().map_or(0, |source| source.scratch_bytes())
     }
 
     /// Times stored in a source of one time step; none unless the format has them.
     fn step_time(&self) -> StepTime {
-        StepTime::default()
+        self.beneath().map_or_else(StepTime::default, |source| source.step_time())
     }
 
     /// Fills `out` with the box's voxels, little-endian, x fastest.

@@ -107,8 +107,8 @@ impl Source for Strided {
         &self.info
     }
 
-    fn access(&self) -> Access {
-        self.source.access()
+    fn beneath(&self) -> Option<&dyn Source> {
+        Some(&*self.source)
     }
 
     fn reader_bytes(&self) -> u64 {
@@ -116,10 +116,6 @@ impl Source for Strided {
         let rows = if self.access() == Access::Planes { y } else { 1 };
         let buffer = u64::from(x) * u64::from(rows) * self.info.voxel_type.bytes() as u64;
         self.source.reader_bytes().saturating_add(buffer)
-    }
-
-    fn scratch_bytes(&self) -> u64 {
-        self.source.scratch_bytes()
     }
 
     fn read_box(&self, time: u32, channel: u32, region: VoxelBox, out: &mut [u8]) -> Result<(), ImportError> {

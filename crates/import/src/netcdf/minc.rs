@@ -11,7 +11,6 @@ use crate::note::Note;
 use crate::placement::set_matrix;
 use crate::raw::RawSource;
 use crate::source::{Source, SourceInfo};
-use crate::step_time::StepTime;
 use brickyard_volume::{VoxelBox, VoxelType};
 use std::path::Path;
 
@@ -203,13 +202,13 @@ impl Source for Scaled {
         &self.info
     }
 
+    fn beneath(&self) -> Option<&dyn Source> {
+        Some(&self.source)
+    }
+
     fn reader_bytes(&self) -> u64 {
         let extent = self.info.extent;
         u64::from(extent.x) * u64::from(extent.y) * self.source.info().voxel_type.bytes() as u64
-    }
-
-    fn step_time(&self) -> StepTime {
-        self.source.step_time()
     }
 
     fn read_box(&self, time: u32, channel: u32, region: VoxelBox, out: &mut [u8]) -> Result<(), ImportError> {
