@@ -76,14 +76,7 @@ impl Conversion {
 
     /// Whether any value of the type before it may be lost or refused.
     pub(crate) fn may_lose(&self) -> bool {
-        match (self.from, self.to) {
-            (VoxelType::F32, to) => to != VoxelType::F32,
-            (VoxelType::U32 | VoxelType::I32, VoxelType::F32) => true,
-            (from, to) => {
-                let ((low, high), (least, most)) = (from.limits(), to.limits());
-                low < least || high > most
-            }
-        }
+        may_lose(self.from, self.to)
     }
 
     /// The value after the conversion, and its fate. Ties are rounded to even.
@@ -131,5 +124,17 @@ impl Conversion {
             }
         }));
         Ok(())
+    }
+}
+
+/// Whether some value of a type is none of another one.
+pub(crate) fn may_lose(from: VoxelType, to: VoxelType) -> bool {
+    match (from, to) {
+        (VoxelType::F32, to) => to != VoxelType::F32,
+        (VoxelType::U32 | VoxelType::I32, VoxelType::F32) => true,
+        (from, to) => {
+            let ((low, high), (least, most)) = (from.limits(), to.limits());
+            low < least || high > most
+        }
     }
 }

@@ -21,6 +21,8 @@ pub(crate) enum Format {
     Hdf5,
     /// A raw file with a text beside it.
     RawText,
+    /// A list of grids of unlike fineness.
+    Grids,
     Bdv,
     NetCdf,
     Raw,
@@ -108,6 +110,7 @@ impl Format {
             Self::Pvd => ".pvd",
             Self::Hdf5 => "HDF5",
             Self::RawText => "raw (described by .json)",
+            Self::Grids => "grid list",
             Self::Bdv => "BigDataViewer",
             Self::NetCdf => "NetCDF",
             Self::Raw => "raw",

@@ -5,7 +5,7 @@ use crate::error::{ImportError, Result};
 use crate::files::{first_bytes, name_of};
 use crate::format::{Format, PictureKind};
 use crate::options::OpenOptions;
-use crate::{bov, envi, foreign, hdf5, meta_image, mrc, netcdf, npy, npz, nrrd, raw_text, tiff_stack, vtk};
+use crate::{bov, envi, foreign, grids, hdf5, meta_image, mrc, netcdf, npy, npz, nrrd, raw_text, tiff_stack, vtk};
 use std::path::Path;
 
 /// Readable formats and their names, for the message about an unknown one.
@@ -14,7 +14,7 @@ pub(crate) const READ: &str = "raw (.raw, .bin, .dat, or any file with `shape` a
                     MRC and CCP4 (.mrc, .map), VTK images (.vti, .vtk, .pvd), ENVI (.hdr), BOV (.bov), \
                     HDF5 (.h5, .hdf5, .ims), BigDataViewer (.xml), NetCDF (.nc), MINC 1 (.mnc), \
                     TIFF (.tif, .tiff, .companion.ome), pictures of a stack (.png, .jpg, .bmp), \
-                    DICOM (a folder, files or one file of a series), and folders of files of one of these";
+                    DICOM (a folder, files or one file of a series), lists of grids (.json), and folders of files of one of these";
 
 /// Finds the format of a file. With a shape it is raw, whatever it holds.
 pub(crate) fn format_of(path: &Path, options: &OpenOptions) -> Result<Format> {
@@ -65,6 +65,7 @@ fn format_of_contents(path: &Path, name: &str, start: &[u8]) -> Result<Option<Fo
         () if hdf5::is_spim_data(path)? => Format::Bdv,
         () if tiff_stack::is_companion(path)? => Format::Tiff,
         () if bov::is_bov(path)? => Format::Bov,
+        () if grids::is_list(path)? => Format::Grids,
         () if raw_text::is_text(name, start) => Format::RawText,
         () => {
             return PictureKind::of_start(start)

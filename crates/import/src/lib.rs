@@ -3,8 +3,8 @@
 //! [`open`] picks a reader by name, first bytes and flags. Uncompressed arrays (raw, `.npy`, NIfTI, MRC, ImageJ's large
 //! stacks) are read by [`RawSource`], which maps the file; compressed arrays are decoded once into scratch space;
 //! TIFF, pictures and DICOM decode requested planes. [`SynthSource`] generates volumes. [`Strided`] is every n-th voxel of
-//! another source, [`Described`] a source under another description; several arrays join as channels (`channels`), and one
-//! component is taken of several (`component`); `cropped`, `picked`, `mirrored` and `converted` make the part, order and
+//! another source, [`Described`] a source under another description; several arrays join as channels (`channels`), grids of unlike
+//! fineness as one (`grids`), and one component is taken of several (`component`); `cropped`, `picked`, `mirrored` and `converted` make the part, order and
 //! type of [`OpenOptions`]. `read_mesh` reads triangle meshes shown with a
 //! volume.
 
@@ -36,6 +36,7 @@ mod axes;
 pub mod blosc;
 mod body;
 mod bov;
+mod boxes;
 mod cf;
 mod channels;
 mod choice;
@@ -59,6 +60,7 @@ mod folder;
 mod foreign;
 mod format;
 mod format_of;
+mod grids;
 mod gzip;
 #[cfg(feature = "hdf5")]
 mod hdf5;

@@ -10,6 +10,7 @@ use crate::file_order::{FileList, in_natural_order};
 use crate::folder::files_of;
 use crate::format::Format;
 use crate::format_of::{READ, format_of};
+use crate::grids::{Grid, GridList, Grids};
 use crate::note::Note;
 use crate::options::{FileOrder, Gaps, NoData, OpenOptions};
 use crate::pattern;
@@ -21,7 +22,7 @@ use crate::taken::take;
 use crate::time::override_time;
 use crate::variable::{check_inputs, split_variable};
 use crate::{
-    bov, dicom, envi, hdf5, meta_image, mrc, netcdf, nifti, npy, npz, nrrd, pictures, raw_text, tiff_stack, vtk,
+    bov, dicom, envi, grids, hdf5, meta_image, mrc, netcdf, nifti, npy, npz, nrrd, pictures, raw_text, tiff_stack, vtk,
 };
 use std::path::{Path, PathBuf};
 
@@ -39,7 +40,7 @@ pub fn open(inputs: &[PathBuf], options: &OpenOptions) -> Result<Box<dyn Source>
     // Parts are taken of the whole volume, which is held as it is if it will be converted.
     let whole = OpenOptions { held_as: held_as.filter(|_| options.to_voxel_type.is_none()), ..options.clone() };
     let source = match options.channel_arrays.is_empty() {
-        true => open_volume(inputs, &whole)?,
+        true => open_input(inputs, &whole)?,
         false => open_channels(inputs, &whole)?,
     };
     let path = inputs.first().map_or(Path::new("input"), PathBuf::as_path);
@@ -58,9 +59,31 @@ fn open_channels(inputs: &[PathBuf], options: &OpenOptions) -> Result<Box<dyn So
     for array in arrays {
         let (inputs, alone) = array.opening(inputs, options);
         let path = inputs.first().cloned().unwrap_or_default();
-        parts.push(NamedArray { name: array.name.clone(), path, source: open_volume(&inputs, &alone)? });
+        parts.push(NamedArray { name: array.name.clone(), path, source: open_input(&inputs, &alone)? });
     }
     Ok(Box::new(Channels::new(parts)?))
+}
+
+/// Opens one array, or a list of grids.
+fn open_input(inputs: &[PathBuf], options: &OpenOptions) -> Result<Box<dyn Source>> {
+    match inputs {
+        [list] if options.shape.is_none() && grids::is_list(list)? => open_grids(list, options),
+        _ => open_volume(inputs, options),
+    }
+}
+
+/// Opens the grids of a list as one volume.
+fn open_grids(path: &Path, options: &OpenOptions) -> Result<Box<dyn Source>> {
+    check_used(Format::Grids, path, options)?;
+    let list = GridList::read(path)?;
+    let mut all = Vec::with_capacity(list.entries.len());
+    for entry in &list.entries {
+        let source = open_volume(std::slice::from_ref(&entry.input), &list.options(entry, options)?)?;
+        all.push(Grid::new(&list, entry, source)?);
+    }
+    let source = Grids::new(&list, all, options)?;
+    list.check()?;
+    overridden(Box::new(source), None, path, options)
 }
 
 /// Opens one array: of one file, or of several as steps or planes.
@@ -200,6 +223,7 @@ fn open_one(path: &Path, format: Format, options: &OpenOptions) -> Result<Box<dy
         Format::Hdf5 => hdf5::open(path, options)?,
         Format::NetCdf => netcdf::open(path, options)?,
         Format::Bdv => hdf5::open_spim_data(path, options)?,
+        Format::Grids => return Err(grids::nested(path)),
     })
 }
 
@@ -270,11 +294,18 @@ fn check_used(format: Format, path: &Path, options: &OpenOptions) -> Result<()> 
             options.variable.is_some(),
             matches!(
                 format,
-                Format::Bdv | Format::Dicom | Format::Hdf5 | Format::NetCdf | Format::Npz | Format::Vtk | Format::Pvd
+                Format::Bdv
+                    | Format::Dicom
+                    | Format::Grids
+                    | Format::Hdf5
+                    | Format::NetCdf
+                    | Format::Npz
+                    | Format::Vtk
+                    | Format::Pvd
             ),
             "files of several arrays (HDF5, NetCDF, .npz, VTK) and DICOM series",
         ),
-        ("gaps", options.gaps != Gaps::default(), format == Format::Dicom, "DICOM series"),
+        ("gaps", options.gaps != Gaps::default(), matches!(format, Format::Dicom | Format::Grids), "DICOM series"),
     ];
     let Some((name, _, _, of)) = said.into_iter().find(|(_, is_said, is_used, _)| *is_said && !is_used) else {
         return Ok(());

@@ -25,8 +25,8 @@ const END: &str = ".json";
 /// The fields of a text. Unknown ones are refused, as they might change the voxels.
 #[derive(Debug, Default, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-struct Fields {
-    file: Option<PathBuf>,
+pub(crate) struct Fields {
+    pub(crate) file: Option<PathBuf>,
     shape: Option<[u32; 3]>,
     dtype: Option<String>,
     endian: Option<String>,
@@ -36,14 +36,14 @@ struct Fields {
     axes: Option<String>,
     times: Option<u32>,
     channels: Option<u32>,
-    channel_names: Option<Vec<String>>,
+    pub(crate) channel_names: Option<Vec<String>>,
     spacing: Option<[f64; 3]>,
     origin: Option<[f64; 3]>,
     unit: Option<String>,
     value_unit: Option<String>,
     time_step: Option<f64>,
     time_unit: Option<String>,
-    nodata: Option<f64>,
+    pub(crate) nodata: Option<f64>,
 }
 
 /// Whether a file is such a text: an object of JSON, by its name. `name` is in lower case.
@@ -125,7 +125,8 @@ impl Fields {
         }
     }
 
-    fn options(&self, text: &Path) -> Result<OpenOptions> {
+    /// The options that the fields stand for, but for no data.
+    pub(crate) fn options(&self, text: &Path) -> Result<OpenOptions> {
         Ok(OpenOptions {
             shape: self.shape.map(Extent::from_array),
             voxel_type: parsed(&self.dtype, "dtype", text)?,
@@ -146,7 +147,7 @@ impl Fields {
         })
     }
 
-    fn looks(&self, text: &Path, channels: u32) -> Result<Vec<ChannelLook>> {
+    pub(crate) fn looks(&self, text: &Path, channels: u32) -> Result<Vec<ChannelLook>> {
         let Some(names) = &self.channel_names else { return Ok(Vec::new()) };
         if names.len() != channels as usize {
             let (names, channels) = (counted(names.len() as u64, "name"), counted(channels.into(), "channel"));
