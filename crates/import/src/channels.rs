@@ -1,11 +1,13 @@
 //! Several sources as the channels of one: variables of a file, or files, each under its name, on one grid at the same times. Boxes pass through as
-//! they are; costs nothing besides the sources, all of which stay open.
+//! they are, or converted to one voxel type; costs nothing besides the sources, all of which stay open.
 
+mod one_type;
 #[cfg(test)]
 mod tests;
 
 use crate::error::{ImportError, Result};
 use crate::note::Note;
+use crate::options::OpenOptions;
 use crate::source::{Access, Source, SourceInfo, Take};
 use brickyard_volume::{ChannelLook, Extent, Geometry, VoxelBox, counted};
 use std::collections::HashSet;
@@ -38,12 +40,16 @@ struct Placed {
 }
 
 impl Channels {
-    /// Joins sources.
+    /// Joins sources, those of several voxel types converted to one.
     ///
     /// # Errors
-    /// If there are none, two have one name, or they differ in extent, voxel type, times, place or value for no data.
-    pub(crate) fn new(parts: Vec<NamedArray>) -> Result<Self> {
-        let info = described(&parts)?;
+    /// If there are none, two have one name, they differ in extent, times, place or value for no data, or no voxel type holds the values of all.
+    pub(crate) fn new(mut parts: Vec<NamedArray>, options: &OpenOptions) -> Result<Self> {
+        let mut info = described(&parts)?;
+        if one_type::are_unlike(&parts) {
+            parts = one_type::in_one_type(parts, &info, options)?;
+            info = described(&parts)?;
+        }
         let mut first = 0;
         let placed = parts.into_iter().map(|NamedArray { source, .. }| {
             let channels = source.info().channels;
@@ -200,10 +206,6 @@ fn check_alike(part: &NamedArray, first: &NamedArray) -> Result<()> {
     if own.extent != other.extent {
         let way_on = "channels share one grid: resample one of them, or pack each by itself";
         return differs("the extent", own.extent.to_string(), other.extent.to_string(), way_on);
-    }
-    if own.voxel_type != other.voxel_type {
-        let way_on = "write both as one type (NumPy: array.astype), or pack each by itself";
-        return differs("the voxel type", own.voxel_type.to_string(), other.voxel_type.to_string(), way_on);
     }
     if own.times != other.times {
         let [own, other] = [own, other].map(|info| counted(info.times.into(), "time step"));

@@ -85,7 +85,9 @@ impl Converted {
         let lossy = options.allow_lossy && !options.are_labels;
         let (are_labels, path) = (options.are_labels, path.to_owned());
         let mut converted = Self { source, info, conversion, lossy, are_labels, path };
-        if !conversion.may_lose() {
+        if from == to {
+            // Only voxels without data change their mark.
+        } else if !conversion.may_lose() {
             converted.info.notes.push(Note::new(format!("Voxels are {from} and become {to}: no value is changed.")));
         } else if !options.is_looked_at {
             let lost = converted.look_through(part)?;

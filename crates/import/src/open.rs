@@ -41,7 +41,7 @@ pub fn open(inputs: &[PathBuf], options: &OpenOptions) -> Result<Box<dyn Source>
     let whole = OpenOptions { held_as: held_as.filter(|_| options.to_voxel_type.is_none()), ..options.clone() };
     let source = match options.channel_arrays.is_empty() {
         true => open_input(inputs, &whole)?,
-        false => open_channels(inputs, &whole)?,
+        false => Box::new(Channels::new(open_arrays(inputs, &whole)?, options)?),
     };
     let path = inputs.first().map_or(Path::new("input"), PathBuf::as_path);
     let source = match &options.component {
@@ -51,8 +51,8 @@ pub fn open(inputs: &[PathBuf], options: &OpenOptions) -> Result<Box<dyn Source>
     take(source, options, path)
 }
 
-/// Opens several arrays as the channels of one volume.
-fn open_channels(inputs: &[PathBuf], options: &OpenOptions) -> Result<Box<dyn Source>> {
+/// Opens several arrays, to become the channels of one volume.
+fn open_arrays(inputs: &[PathBuf], options: &OpenOptions) -> Result<Vec<NamedArray>> {
     let arrays = &options.channel_arrays;
     check_inputs(inputs, arrays)?;
     let mut parts = Vec::with_capacity(arrays.len());
@@ -61,7 +61,7 @@ fn open_channels(inputs: &[PathBuf], options: &OpenOptions) -> Result<Box<dyn So
         let path = inputs.first().cloned().unwrap_or_default();
         parts.push(NamedArray { name: array.name.clone(), path, source: open_input(&inputs, &alone)? });
     }
-    Ok(Box::new(Channels::new(parts)?))
+    Ok(parts)
 }
 
 /// Opens one array, or a list of grids.

@@ -86,7 +86,7 @@ fn components_are_called_by_name_before_number() {
     };
     let (_one, first) = part("1", &bytes[..bytes.len() / 2]);
     let (_two, second) = part("magnitude", &bytes[bytes.len() / 2..]);
-    let channels = Box::new(Channels::new(vec![first, second]).unwrap());
+    let channels = Box::new(Channels::new(vec![first, second], &OpenOptions::default()).unwrap());
     let component = Component::new(channels, "1", Path::new("a"), &OpenOptions::default()).unwrap();
     assert_eq!(component.of, Of::Channel(0));
     assert_boxes(&component, Field { sizes: [4, 3, 2, 1, 1], ..field });
