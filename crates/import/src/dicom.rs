@@ -237,7 +237,7 @@ impl DicomSeries {
             places[place_in(&sizes, cell.time, cell.channel, *level)] = Some(slice);
         }
         let missing = places.iter().filter(|place| place.is_none()).count();
-        let Voxels { voxel_type, blank } = voxels_of(&files, &slices, missing > 0, options.held_as)?;
+        let Voxels { voxel_type, blank } = voxels_of(&files, &slices, missing > 0, options.adopted())?;
         check_exact(&files, &slices, voxel_type, missing > 0, options)?;
         sizes.checked_bytes(voxel_type.bytes()).map_err(|p| ImportError::invalid(&paths[0], p))?;
         // Padding kept as values makes other voxels from the same files.
@@ -351,7 +351,7 @@ fn looks_of(
     if volumes.channels.is_empty() {
         let look = look_of(&files[0].0);
         // The title of a later step is not its channel's name.
-        let name = look.name.filter(|_| options.held_as.is_none());
+        let name = look.name.filter(|_| options.adopted().is_none());
         return vec![ChannelLook { name, ..look }];
     }
     let look = |(channel, name): (u32, &String)| {

@@ -118,8 +118,11 @@ impl Element {
 pub(crate) struct Scale {
     pub(crate) slope: f64,
     pub(crate) intercept: f64,
-    /// Voxel type of the values: f32, or an integer type holding them all.
+    /// Voxel type of the values: f32, or an integer type holding them all; of 64-bit numbers also another one, to which they are rounded and
+    /// clamped.
     pub(crate) to: VoxelType,
+    /// Value for no data of 64-bit numbers in an integer type, which NaN and infinities become.
+    pub(crate) nodata: Option<f64>,
 }
 
 impl Scale {
@@ -134,7 +137,21 @@ impl Scale {
         } else {
             VoxelType::F32
         };
-        ((slope, intercept) != (1.0, 0.0)).then_some(Self { slope, intercept, to })
+        ((slope, intercept) != (1.0, 0.0)).then_some(Self { slope, intercept, to, nodata: None })
+    }
+
+    /// Whether values are the stored numbers.
+    fn is_identity(&self) -> bool {
+        (self.slope, self.intercept) == (1.0, 0.0)
+    }
+
+    /// The value of a 64-bit number as the voxel type holds it, but for its limits.
+    fn rounded(&self, value: f64) -> f64 {
+        match () {
+            () if self.to.is_float() => value,
+            () if value.is_finite() => value.round_ties_even(),
+            () => self.nodata.unwrap_or_default(),
+        }
     }
 }
 
@@ -163,17 +180,20 @@ impl Decode {
 
     /// Decodes `count` numbers that start every `src_stride` bytes to voxels that start every `dst_stride` bytes.
     pub(crate) fn line(&self, src: &[u8], src_stride: usize, dst: &mut [u8], dst_stride: usize, count: usize) {
-        /// One stored type: its bytes in either order, then unchanged (`$voxel`) or scaled (from its `$wide`).
+        /// One stored type: its bytes in either order, then unchanged (`$voxel`) or scaled (from its `$wide`, to `$held`).
         macro_rules! decode {
-            ($t:ty, $number:ident => $voxel:expr, $wide:expr) => {{
+            ($t:ty, $number:ident => $voxel:expr, $wide:expr) => {
+                decode!($t, self.scale, $number => $voxel, $wide, |_: Scale, value: f64| value)
+            };
+            ($t:ty, $scale:expr, $number:ident => $voxel:expr, $wide:expr, $held:expr) => {{
                 let (little, big) = (<$t>::from_le_bytes, <$t>::from_be_bytes);
                 let plain = |$number: $t| $voxel.to_le_bytes();
                 let wide = |$number: $t| -> f64 { $wide };
-                match (self.endian, self.scale) {
+                match (self.endian, $scale) {
                     (Endian::Little, None) => map_line(src, src_stride, dst, dst_stride, count, |b| plain(little(b))),
                     (Endian::Big, None) => map_line(src, src_stride, dst, dst_stride, count, |b| plain(big(b))),
                     (endian, Some(s)) => with_voxel_type!(s.to, Out => {
-                        let scaled = |n: $t| ((wide(n) * s.slope + s.intercept) as Out).to_le_bytes();
+                        let scaled = |n: $t| ($held(s, wide(n) * s.slope + s.intercept) as Out).to_le_bytes();
                         match endian {
                             Endian::Little => {
                                 map_line(src, src_stride, dst, dst_stride, count, |b| scaled(little(b)))
@@ -185,16 +205,26 @@ impl Decode {
             }};
         }
         let contiguous = src_stride == self.element.bytes() && dst_stride == src_stride;
+        let held = |scale: Scale, value: f64| scale.rounded(value);
         match self.element {
             _ if contiguous && self.is_copy() => {
                 dst[..count * dst_stride].copy_from_slice(&src[..count * src_stride]);
             }
             Element::Voxel(voxel_type) => with_voxel_type!(voxel_type, T => decode!(T, v => v, v as f64)),
             Element::F16 => decode!(f16, v => v.to_f32(), v.to_f64()),
-            Element::I64 => decode!(i64, v => v.clamp(i32::MIN as i64, i32::MAX as i64) as i32, v as f64),
-            Element::U64 => decode!(u64, v => v.min(u32::MAX as u64) as u32, v as f64),
-            Element::F64 => decode!(f64, v => (v as f32), v),
+            // Rounded once, not as f64 before.
+            Element::I64 if self.is_integer_as_float() => decode!(i64, None::<Scale>, v => v as f32, v as f64, held),
+            Element::U64 if self.is_integer_as_float() => decode!(u64, None::<Scale>, v => v as f32, v as f64, held),
+            Element::I64 => {
+                decode!(i64, self.scale, v => v.clamp(i32::MIN as i64, i32::MAX as i64) as i32, v as f64, held)
+            }
+            Element::U64 => decode!(u64, self.scale, v => v.min(u32::MAX as u64) as u32, v as f64, held),
+            Element::F64 => decode!(f64, self.scale, v => (v as f32), v, held),
         }
+    }
+
+    fn is_integer_as_float(&self) -> bool {
+        self.scale.is_some_and(|scale| scale.to.is_float() && scale.is_identity())
     }
 
     /// Whether decoding is a plain copy.
@@ -267,6 +297,23 @@ mod tests {
     }
 
     #[test]
+    fn wide_numbers_go_straight_to_a_told_type() {
+        let to = |to, nodata| Some(Scale { slope: 1.0, intercept: 0.0, to, nodata });
+        let bytes: Vec<u8> = [3_000_000_000i64, -7, i64::MAX].iter().flat_map(|v| v.to_be_bytes()).collect();
+        let found = |voxel_type| decode(Element::I64, Endian::Big, to(voxel_type, None), &bytes);
+        assert_eq!(found(VoxelType::U32), [3e9, 0.0, 4294967295.0]);
+        assert_eq!(found(VoxelType::I8), [127.0, -7.0, 127.0]);
+        // Just above half a step of f32: as f64 it lies on the half, and would go to the even number below.
+        let above = (1u64 << 60) + (1 << 36) + 1;
+        let found = decode(Element::U64, Endian::Little, to(VoxelType::F32, None), &above.to_le_bytes());
+        assert_eq!(found, [((1u64 << 60) + (1 << 37)) as f64]);
+        let values = [2.5, 3.5, 2.5 + 1e-9, -1e300, f64::NAN, f64::NEG_INFINITY];
+        let bytes: Vec<u8> = values.iter().flat_map(|v| v.to_le_bytes()).collect();
+        let found = decode(Element::F64, Endian::Little, to(VoxelType::U16, Some(9.0)), &bytes);
+        assert_eq!(found, [2.0, 4.0, 3.0, 0.0, 9.0, 9.0]);
+    }
+
+    #[test]
     fn halves_are_widened_exactly() {
         for bits in 0..=u16::MAX {
             let half = f16::from_bits(bits);
@@ -296,7 +343,7 @@ mod tests {
 
     #[test]
     fn scaled_values_become_floats() {
-        let scale = Some(Scale { slope: 0.5, intercept: -1024.0, to: VoxelType::F32 });
+        let scale = Some(Scale { slope: 0.5, intercept: -1024.0, to: VoxelType::F32, nodata: None });
         assert_eq!(decode(Element::Voxel(VoxelType::U8), Endian::Little, scale, &[0, 255]), [-1024.0, -896.5]);
         assert_eq!(decode(Element::Voxel(VoxelType::I16), Endian::Big, scale, &[0xff, 0xfe]), [-1025.0]);
     }

@@ -6,6 +6,7 @@ mod header;
 mod tests;
 
 use crate::body::Body;
+use crate::direct::direct;
 use crate::error::{ImportError, Result};
 use crate::files::name_of;
 use crate::looks;
@@ -28,7 +29,8 @@ pub(crate) fn open(path: &Path, options: &OpenOptions) -> Result<RawSource> {
     check_raw(path, &raw)?;
     let stamps = [Stamp::of(path)?, Stamp::of(&raw)?];
     let header = Header::of(&text, path)?;
-    let array = header.array()?;
+    let mut array = header.array()?;
+    array.decode = direct(array.decode, header.nodata()?, options);
     let mut info = SourceInfo { identity: identity("envi", &[path, &raw])?, ..array.info() };
     if info.channels == 2 {
         info.channel_looks = looks::named(&looks::COMPLEX);

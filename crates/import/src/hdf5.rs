@@ -26,6 +26,7 @@ use crate::axes::{Axis, Sizes};
 use crate::cf::axes::{Dim, order_of};
 use crate::cf::place::place;
 use crate::cf::values_of;
+use crate::direct::direct;
 use crate::error::{ImportError, Result};
 use crate::files::first_bytes;
 use crate::mirrored::Mirrored;
@@ -124,7 +125,8 @@ fn open_entry(
     let (axes, sizes) = arrange(file, entry, stored, &dims, options)?;
     let default_fill = |element| cf::default_fill(tree, entry, element);
     let values = values_of(&entry.attributes[..], stored.element, stored.endian, default_fill);
-    let mut info = SourceInfo::plain(sizes, values.decode.voxel_type());
+    let decode = direct(values.decode, values.nodata.map(|(value, _)| value), options);
+    let mut info = SourceInfo::plain(sizes, decode.voxel_type());
     info.identity = identity(&format!("hdf5 {what} {axes:?}"), &[&file.path])?;
     info.notes = notes;
     info.notes.extend(values.notes);
@@ -141,7 +143,7 @@ fn open_entry(
     if let Some((value, name)) = values.nodata {
         info.set_nodata(value, name);
     }
-    let opening = Opening { file, info, axes, decode: values.decode, has_members };
+    let opening = Opening { file, info, axes, decode, has_members };
     let source: Box<dyn Source> = match elements_of(file, &entry.set, stored, what, 0)? {
         Elements::Piece(start) => Box::new(opening.piece(start, what, options)?),
         Elements::Chunks(chunks) => Box::new(opening.chunks(vec![chunks], options)?),

@@ -49,6 +49,7 @@ mod described;
 #[cfg(feature = "dicom")]
 mod dicom;
 mod dicom_files;
+mod direct;
 mod doubles;
 mod element;
 mod envi;

@@ -2,11 +2,12 @@
 //!
 //! Only inputs with possible losses are read for it: 64-bit ones, and those whose scaled numbers may leave f32.
 
+use crate::direct::told_nodata;
 use crate::element::{Decode, Element, Endian, Scale};
 use crate::error::{ImportError, Result};
 use crate::files::name_of;
 use crate::note::Note;
-use crate::options::{NoData, OpenOptions};
+use crate::options::OpenOptions;
 use brickyard_volume::{VoxelType, with_voxel_type};
 use std::path::Path;
 
@@ -85,12 +86,7 @@ impl<'a> Losses<'a> {
             decode,
             allowed: options.allow_lossy && !are_labels,
             are_labels,
-            nodata: match options.nodata {
-                // The no-data value of the steps before holds here, too.
-                NoData::OfFile => nodata.or(options.held_as.and_then(|held| held.nodata)),
-                NoData::None => None,
-                NoData::Value(value) => Some(value),
-            },
+            nodata: told_nodata(nodata.or(decode.scale.and_then(|scale| scale.nodata)), options),
             count: 0,
             beyond: 0,
             rounded: 0,
@@ -102,7 +98,7 @@ impl<'a> Losses<'a> {
 
     /// Decoding for the numbers seen: signed labels become unsigned if only u32 holds them.
     pub(crate) fn decode(&self) -> Decode {
-        let unsigned = Scale { slope: 1.0, intercept: 0.0, to: VoxelType::U32 };
+        let unsigned = Scale { slope: 1.0, intercept: 0.0, to: VoxelType::U32, nodata: None };
         Decode { scale: if self.has_great { Some(unsigned) } else { self.decode.scale }, ..self.decode }
     }
 
@@ -140,17 +136,28 @@ impl<'a> Losses<'a> {
             }};
         }
         let scaled = |n: f64, is_wide| Fate::of_float(n, n * slope + intercept, is_wide);
+        let to_integer = self.decode.scale.is_some_and(|scale| !scale.to.is_float());
         // Integers beyond the precision of f64 are rounded even before scaling.
-        let scaled_integer = |n: i128| match scaled(n as f64, true) {
-            Fate::Kept if n as f64 as i128 != n => Fate::Rounded,
-            fate => fate,
-        };
+        let is_exact = |n: i128| n as f64 as i128 == n;
         match (self.decode.element, self.decode.scale) {
             (Element::I64, None) if self.are_labels => each!(i64, n => self.fate_of_label(n), n as f64),
             (Element::I64, None) => each!(i64, n => Fate::of_integer(i32::try_from(n).is_ok()), n as f64),
             (Element::U64, None) => each!(u64, n => Fate::of_integer(u32::try_from(n).is_ok()), n as f64),
-            (Element::I64, _) => each!(i64, n => scaled_integer(n.into()), n as f64),
-            (Element::U64, _) => each!(u64, n => scaled_integer(n.into()), n as f64),
+            (Element::I64, _) if to_integer => {
+                each!(i64, n => self.fate_of_whole(&n, n as f64 * slope + intercept, is_exact(n.into()))?, n as f64)
+            }
+            (Element::U64, _) if to_integer => {
+                each!(u64, n => self.fate_of_whole(&n, n as f64 * slope + intercept, is_exact(n.into()))?, n as f64)
+            }
+            (Element::F64, _) if to_integer => {
+                each!(f64, n => self.fate_of_whole(&n, n * slope + intercept, true)?, n)
+            }
+            (Element::I64, _) => {
+                each!(i64, n => self.fate_of_wide(&n, n as f64 * slope + intercept, is_exact(n.into()))?, n as f64)
+            }
+            (Element::U64, _) => {
+                each!(u64, n => self.fate_of_wide(&n, n as f64 * slope + intercept, is_exact(n.into()))?, n as f64)
+            }
             (Element::F64, _) => each!(f64, n => self.fate_of_f64(n, n * slope + intercept)?, n),
             (Element::F16, _) => each!(half::f16, n => scaled(n.to_f64(), false), n.to_f64()),
             // For images, the note on scaled 32-bit numbers covers their rounding; labels are checked one by one.
@@ -176,6 +183,47 @@ impl<'a> Losses<'a> {
             }
             () => Ok(fate),
         }
+    }
+
+    /// Returns the fate of a 64-bit integer in f32. `is_exact`: it is `value`, unscaled, and not rounded to it.
+    fn fate_of_wide(&self, number: &dyn std::fmt::Debug, value: f64, is_exact: bool) -> Result<Fate> {
+        match self.fate_of_f64(value, value)? {
+            Fate::Kept if is_exact => Ok(Fate::Kept),
+            Fate::Kept => match self.nodata.filter(|nodata| *nodata as f32 == value as f32) {
+                Some(nodata) => Err(self.beside_nodata(number, nodata)),
+                None => Ok(Fate::Rounded),
+            },
+            fate => Ok(fate),
+        }
+    }
+
+    /// Returns the fate of a 64-bit number in an integer type: the nearest, ties to even. NaN and infinities become the no-data value, which
+    /// no other number may become.
+    fn fate_of_whole(&self, number: &dyn std::fmt::Debug, value: f64, is_exact: bool) -> Result<Fate> {
+        let voxel_type = self.decode.voxel_type();
+        let (least, greatest) = voxel_type.limits();
+        let nodata = self.nodata.filter(|nodata| voxel_type.holds(*nodata));
+        if !value.is_finite() {
+            return nodata.map(|_| Fate::Kept).ok_or_else(|| self.unmarked(number));
+        }
+        let whole = value.round_ties_even();
+        let held = whole.clamp(least, greatest);
+        match self.nodata {
+            Some(nodata) if value == nodata && held == nodata && is_exact => Ok(Fate::Kept),
+            Some(nodata) if value == nodata || held == nodata => Err(self.beside_nodata(number, nodata)),
+            _ if held == value && is_exact => Ok(Fate::Kept),
+            _ if held == whole => Ok(Fate::Rounded),
+            _ => Ok(Fate::Beyond),
+        }
+    }
+
+    fn unmarked(&self, number: &dyn std::fmt::Debug) -> ImportError {
+        let (name, voxel_type) = (self.decode.element.name(), self.decode.voxel_type());
+        let problem = format!(
+            "voxels are {name}, of which {number:?} is no data, for which {voxel_type} has no value; give one with \
+             `nodata`, or convert to f32"
+        );
+        ImportError::options(self.path, problem)
     }
 
     fn beside_nodata(&self, number: &dyn std::fmt::Debug, nodata: f64) -> ImportError {
@@ -248,7 +296,7 @@ impl<'a> Losses<'a> {
 mod tests {
     use super::*;
     use crate::element::Scale;
-    use crate::options::HeldAs;
+    use crate::options::{HeldAs, NoData};
 
     fn census(element: Element, scale: Option<Scale>, bytes: &[u8], allow_lossy: bool) -> Result<String, String> {
         census_with(element, scale, bytes, &OpenOptions { allow_lossy, ..OpenOptions::default() })
@@ -357,7 +405,7 @@ mod tests {
     #[test]
     fn labels_are_never_merged_whatever_is_allowed() {
         let labels = |allow_lossy| OpenOptions { allow_lossy, are_labels: true, ..OpenOptions::default() };
-        let scaled = |slope| Some(Scale { slope, intercept: 0.0, to: VoxelType::F32 });
+        let scaled = |slope| Some(Scale { slope, intercept: 0.0, to: VoxelType::F32, nodata: None });
         let i32s = |values: &[i32]| -> Vec<u8> { values.iter().flat_map(|v| v.to_le_bytes()).collect() };
         let long = Element::Voxel(VoxelType::I32);
         for (element, scale, bytes, label) in [
@@ -398,7 +446,7 @@ mod tests {
 
     #[test]
     fn scaled_numbers_that_leave_f32_are_refused_or_counted() {
-        let scale = |slope| Some(Scale { slope, intercept: 0.0, to: VoxelType::F32 });
+        let scale = |slope| Some(Scale { slope, intercept: 0.0, to: VoxelType::F32, nodata: None });
         let bytes: Vec<u8> = [1.0f32, 3e38, f32::INFINITY, -2e38].iter().flat_map(|v| v.to_le_bytes()).collect();
         let float = Element::Voxel(VoxelType::F32);
         assert!(census(float, scale(2.0), &bytes, false).unwrap_err().contains("infinite"));

@@ -56,7 +56,7 @@ fn note_decoding(header: &Header, decode: Decode, notes: &mut Vec<Note>) {
     }
     let kinds = header.get("Kinds").filter(|kinds| kinds.split_whitespace().any(|kind| kind != "domain"));
     notes.extend(kinds.map(|kinds| Note::warning(format!("Kinds = {kinds} is left out: the axes are x, y and z."))));
-    let Some(Scale { slope, intercept, to }) = decode.scale else { return };
+    let Some(Scale { slope, intercept, to, .. }) = decode.scale else { return };
     let scaled = format!(
         "Values are scaled by {slope} and shifted by {intercept} (ElementToIntensityFunction), and held as {to}"
     );

@@ -13,6 +13,7 @@ use crate::axes::{Axis, AxisOrder, Sizes};
 use crate::cf::axes::{Dim, MOST_COORDINATES, Scale, order_of};
 use crate::cf::place::place;
 use crate::cf::{Attributes, default_fill, helpers_of, values_of};
+use crate::direct::direct;
 use crate::element::{Decode, Element, Endian};
 use crate::error::{ImportError, Result};
 use crate::mapped::MappedFile;
@@ -76,7 +77,11 @@ fn open_in(path: &Path, file: &MappedFile, options: &OpenOptions) -> Result<Box<
     let stored = if minc.is_some() { minc::element_of(&attributes, element) } else { element };
     let values =
         values_of(&attributes, stored, Endian::Big, |element| default_fill(element).filter(|_| minc.is_none()));
-    let opening = Opening { header: &header, variable, axes, sizes, decode: values.decode, options };
+    let decode = match minc {
+        Some(_) => values.decode,
+        None => direct(values.decode, values.nodata.map(|(value, _)| value), options),
+    };
+    let opening = Opening { header: &header, variable, axes, sizes, decode, options };
     if let Some(image) = minc {
         return minc::open(path, image, opening, notes);
     }

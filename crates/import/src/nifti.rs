@@ -11,6 +11,7 @@ mod header;
 mod placement;
 
 use crate::body::{self, Body};
+use crate::direct::is_plain;
 use crate::element::{Decode, Element, Scale};
 use crate::error::{ImportError, Result};
 use crate::losses::Losses;
@@ -44,7 +45,9 @@ pub(crate) fn open(path: &Path, options: &OpenOptions) -> Result<RawSource> {
 pub(crate) fn check(path: &Path, options: &OpenOptions) -> Result<StepFile> {
     let found = Found::read(path)?;
     let expected = found.bytes()?;
-    let is_seen = found.is_compressed && Losses::may_occur(path, found.header.array.decode, None, options).is_none();
+    let decode = found.header.array.decode;
+    let is_plain = is_plain(decode, options) && Losses::may_occur(path, decode, None, options).is_none();
+    let is_seen = found.is_compressed && is_plain;
     if is_seen && inflated_bytes(&found.body_path)? == Some(expected as u32) {
         let mut info = found.info()?;
         info.notes.push(body::unpacked_note(expected));
@@ -88,7 +91,7 @@ impl Found {
     fn info(&self) -> Result<SourceInfo> {
         let mut notes = Vec::new();
         let Decode { element, scale, .. } = self.header.array.decode;
-        if let Some(Scale { slope, intercept, to }) = scale {
+        if let Some(Scale { slope, intercept, to, .. }) = scale {
             let is_long = matches!(element, Element::Voxel(VoxelType::I32 | VoxelType::U32));
             let scaled = format!(
                 "Values are scaled by {slope} and shifted by {intercept}, as the header says, and held as {to}"

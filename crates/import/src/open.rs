@@ -36,9 +36,10 @@ const AS_NAMED: &str = ", or pass `order` given to take the files as they are na
 /// # Errors
 /// If the input cannot be read. The message names the file, the reason and the helpful option of [`OpenOptions`], in backticks.
 pub fn open(inputs: &[PathBuf], options: &OpenOptions) -> Result<Box<dyn Source>, ImportError> {
-    let held_as = options.held_as;
-    // Parts are taken of the whole volume, which is held as it is if it will be converted.
-    let whole = OpenOptions { held_as: held_as.filter(|_| options.to_voxel_type.is_none()), ..options.clone() };
+    // A component is one of the values as they are.
+    let to_voxel_type = options.to_voxel_type.filter(|_| options.component.is_none());
+    let held_as = options.held_as.filter(|_| options.to_voxel_type == to_voxel_type);
+    let whole = OpenOptions { to_voxel_type, held_as, ..options.clone() };
     let source = match options.channel_arrays.is_empty() {
         true => open_input(inputs, &whole)?,
         false => Box::new(Channels::new(open_arrays(inputs, &whole)?, options)?),

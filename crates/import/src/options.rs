@@ -147,6 +147,11 @@ pub struct OpenOptions {
 }
 
 impl OpenOptions {
+    /// The encoding of the steps before, for voxels that are not converted to it later.
+    pub(crate) fn adopted(&self) -> Option<HeldAs> {
+        self.held_as.filter(|_| self.to_voxel_type.is_none())
+    }
+
     /// Replaces the file's spacing and origin with the user's.
     pub(crate) fn override_place(&self, info: &mut SourceInfo, path: &Path) -> Result<()> {
         if let Some(spacing) = self.spacing {

@@ -11,6 +11,7 @@ mod spread;
 mod tests;
 
 use crate::axes::{Axis, AxisOrder, Sizes};
+use crate::direct::direct;
 use crate::element::{Decode, Element, Endian};
 use crate::error::{ImportError, Result};
 use crate::losses::Losses;
@@ -251,6 +252,8 @@ impl RawSource {
     /// # Errors
     /// If a forbidden loss occurs, or the file cannot be read.
     pub(crate) fn with_losses(mut self, nodata: Option<f64>, options: &OpenOptions) -> Result<Self> {
+        self.array.decode = direct(self.array.decode, nodata, options);
+        self.info.voxel_type = self.array.decode.voxel_type();
         let path = &self.file.path;
         let Some(mut losses) = Losses::may_occur(path, self.array.decode, nodata, options) else { return Ok(self) };
         let body = self.array.body_bytes().map_err(|problem| ImportError::invalid(path, problem))?;

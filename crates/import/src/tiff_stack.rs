@@ -39,6 +39,7 @@ pub(crate) use ome_set::is_companion;
 pub(crate) use opening::{has_several_planes, open_file, open_planes};
 
 use crate::axes::Sizes;
+use crate::direct::direct;
 use crate::element::{Decode, Endian};
 use crate::error::{ImportError, Result};
 use crate::losses::Losses;
@@ -128,6 +129,8 @@ impl TiffStack {
 
     /// Counts the losses of voxels in all planes; a forbidden loss is an error.
     fn count_losses(&mut self, nodata: Option<f64>, options: &OpenOptions) -> Result<()> {
+        self.decode = direct(self.decode, nodata, options);
+        self.info.voxel_type = self.decode.voxel_type();
         let path = |place: Place| &self.parts.files[place.file as usize].path;
         let Some(mut losses) = Losses::may_occur(&self.parts.files[0].path, self.decode, nodata, options) else {
             return Ok(());

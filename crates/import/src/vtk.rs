@@ -17,6 +17,7 @@ mod xml;
 
 use crate::axes::{Axis, AxisOrder, Sizes};
 use crate::body::{self, Body};
+use crate::direct::is_plain;
 use crate::element::{Decode, Element, Endian};
 use crate::error::{ImportError, Result};
 use crate::files::first_bytes;
@@ -192,8 +193,9 @@ impl<'a> Found<'a> {
     /// The description of a file whose arrays need not be decoded to be sure of it.
     fn unopened(&self, options: &OpenOptions) -> Result<Option<StepFile>> {
         let is_sure = |piece: &Piece| {
-            let is_lossless = Losses::may_occur(self.path, piece.layout.decode, None, options).is_none();
-            is_lossless && matches!(piece.place, Place::Headed { .. })
+            let decode = piece.layout.decode;
+            let is_lossless = Losses::may_occur(self.path, decode, None, options).is_none();
+            is_lossless && is_plain(decode, options) && matches!(piece.place, Place::Headed { .. })
         };
         if !self.pieces.iter().all(is_sure) {
             return Ok(None);

@@ -350,7 +350,7 @@ fn voxel_type_of(form: Form, kept: &[Segment], stored: &Stored, options: &OpenOp
         _ => kept.iter().map(|segment| f64::from(segment.number)).fold(0.0, f64::max),
     };
     let theirs =
-        options.held_as.map(|held| held.voxel_type).filter(|theirs| !theirs.is_float() && theirs.holds(greatest));
+        options.adopted().map(|held| held.voxel_type).filter(|theirs| !theirs.is_float() && theirs.holds(greatest));
     theirs.unwrap_or_else(|| smallest_type(0.0, greatest))
 }
 

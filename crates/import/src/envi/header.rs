@@ -11,6 +11,7 @@ use brickyard_volume::{Extent, VoxelType, counted};
 use glam::DVec3;
 use std::path::Path;
 
+const NODATA: &str = "data ignore value";
 const ADVICE: &str = "write it as an ENVI standard file, or pass the raw file with `shape` and `voxel_type`";
 
 /// Fields that would change the values; they are left out, with a note.
@@ -150,6 +151,12 @@ impl<'a> Header<'a> {
         }
     }
 
+    /// The value for no data.
+    pub(super) fn nodata(&self) -> Result<Option<f64>> {
+        let Some(text) = self.value(NODATA) else { return Ok(None) };
+        text.parse().map(Some).map_err(|_| self.wrong(NODATA, text, "a number"))
+    }
+
     /// Fills in spacing and the value for no data, and adds notes on all that is left out.
     pub(super) fn describe(&self, info: &mut SourceInfo) -> Result<()> {
         let bands = info.extent.z;
@@ -163,9 +170,8 @@ impl<'a> Header<'a> {
                 info.notes.push(Note::warning(format!("'{key}' is not applied: values are as stored.")));
             }
         }
-        if let Some(text) = self.value("data ignore value") {
-            let value = text.parse().map_err(|_| self.wrong("data ignore value", text, "a number"))?;
-            info.set_nodata(value, "data ignore value");
+        if let Some(value) = self.nodata()? {
+            info.set_nodata(value, NODATA);
         }
         let Some((sizes, unit)) = self.pixel_size() else { return Ok(()) };
         match (sizes, unit) {

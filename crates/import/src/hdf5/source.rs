@@ -3,6 +3,7 @@
 use super::chunks::{Chunks, Wanted};
 use super::file::File;
 use crate::axes::{Axis, AxisOrder, Sizes};
+use crate::direct::direct;
 use crate::element::Decode;
 use crate::error::{ImportError, Result};
 use crate::losses::Losses;
@@ -71,6 +72,8 @@ impl Opening<'_> {
     pub(super) fn chunks(self, arrays: Vec<Chunks>, options: &OpenOptions) -> Result<ChunkedSource> {
         let Self { file, mut info, axes, mut decode, has_members } = self;
         let fail = |problem: String| damaged(&file.path, &problem);
+        decode = direct(decode, info.nodata, options);
+        info.voxel_type = decode.voxel_type();
         if let Some(mut losses) = Losses::may_occur(&file.path, decode, info.nodata, options) {
             for array in &arrays {
                 let seen = array.each(&file.map, |line| losses.see(line), fail);
