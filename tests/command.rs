@@ -202,8 +202,18 @@ const PACK: &str = "pack in.raw b.zarr --shape 256,256,128 --dtype u16 --brick 1
 
 /// Runs a line of arguments, presses Ctrl-C once `is_time`, and returns the exit code and the messages.
 fn stopped(sandbox: &Sandbox, line: &str, is_time: impl Fn() -> bool) -> (Option<i32>, String) {
+    stopped_reading(Stdio::null(), sandbox, line, is_time)
+}
+
+/// As [`stopped`], with a standard input.
+fn stopped_reading(
+    input: Stdio,
+    sandbox: &Sandbox,
+    line: &str,
+    is_time: impl Fn() -> bool,
+) -> (Option<i32>, String) {
     let mut command = sandbox.command();
-    let child = command.args(line.split_whitespace()).stdout(Stdio::null()).stderr(Stdio::piped()).spawn();
+    let child = command.args(line.split_whitespace()).stdin(input).stdout(Stdio::null()).stderr(Stdio::piped()).spawn();
     let child = child.expect("the command starts");
     let started = Instant::now();
     while !is_time() {
@@ -248,6 +258,23 @@ fn a_pack_that_is_stopped_goes_on_to_the_same_store() {
         assert!(difference.is_empty(), "{difference:?}");
         assert!(!sandbox.path("b.zarr.packing").exists());
     }
+}
+
+/// No later command can go on with a stream.
+#[test]
+fn a_pack_of_a_stream_that_is_stopped_starts_anew() {
+    let sandbox = with_input("in.raw");
+    let input = std::fs::File::open(sandbox.path("in.raw")).expect("it is there");
+    let has_shards = || {
+        let journal = std::fs::read_to_string(sandbox.path("b.zarr/.brickyard-journal"));
+        journal.is_ok_and(|text| text.lines().count() > 3)
+    };
+    let line = PACK.replace("in.raw", "-");
+    let (code, said) = stopped_reading(input.into(), &sandbox, &line, has_shards);
+    assert_eq!(code, Some(130), "{said}");
+    assert!(said.contains("b.zarr: stopped; ") && said.contains("a stream cannot be read again"), "{said}");
+    assert!(said.contains("--overwrite") && !said.contains("--resume"), "{said}");
+    sandbox.run_ok(&format!("{PACK} --overwrite"));
 }
 
 #[test]

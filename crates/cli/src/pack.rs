@@ -48,6 +48,7 @@ pub(crate) fn run(mut arguments: PackArguments) -> Result<(), Failure> {
                        or from a file";
         return Err(Failure::usage(format!("{}: {problem}", stream.display())));
     }
+    arguments.settings.is_of_stream = stream.is_some();
     let options = OpenOptions { are_labels: arguments.settings.store.are_labels(), ..options };
     let source = import::open(&arguments.paths, &options).map_err(|error| store_errors::import_failure(&error))?;
     if arguments.dry_run {

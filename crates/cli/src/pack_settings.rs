@@ -107,6 +107,9 @@ pub(crate) struct PackSettings {
     /// Replace an existing output
     #[arg(help_heading = heading::WORK, long)]
     pub(crate) overwrite: bool,
+    /// Whether the input is a stream, which is read once.
+    #[arg(skip)]
+    pub(crate) is_of_stream: bool,
 }
 
 pub(crate) const KINDS: Named<Kind> = Named(&[("image", Kind::Image, ""), ("labels", Kind::Labels, "")]);
@@ -241,8 +244,18 @@ impl PackSettings {
     }
 
     fn failure(&self, error: PackError, store: &Path) -> Failure {
-        let PackError::Cancelled { done, total, .. } = error else { return store_errors::pack_failure(error) };
+        let from_stream = "a stream cannot be read again: pack it anew with --overwrite, or from a file";
+        let PackError::Cancelled { done, total, .. } = error else {
+            let failure = store_errors::pack_failure(error);
+            return match failure.kind {
+                ExitKind::Incomplete if self.is_of_stream => {
+                    Failure::new(failure.kind, format!("{}; but {from_stream}", failure.message))
+                }
+                _ => failure,
+            };
+        };
         let cure = match self.overwrite {
+            _ if self.is_of_stream => from_stream,
             true => "the same command with --resume instead of --overwrite goes on; with --overwrite it starts over",
             false => "the same command with --resume goes on; with --overwrite it starts over",
         };
