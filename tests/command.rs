@@ -206,12 +206,7 @@ fn stopped(sandbox: &Sandbox, line: &str, is_time: impl Fn() -> bool) -> (Option
 }
 
 /// As [`stopped`], with a standard input.
-fn stopped_reading(
-    input: Stdio,
-    sandbox: &Sandbox,
-    line: &str,
-    is_time: impl Fn() -> bool,
-) -> (Option<i32>, String) {
+fn stopped_reading(input: Stdio, sandbox: &Sandbox, line: &str, is_time: impl Fn() -> bool) -> (Option<i32>, String) {
     let mut command = sandbox.command();
     let child = command.args(line.split_whitespace()).stdin(input).stdout(Stdio::null()).stderr(Stdio::piped()).spawn();
     let child = child.expect("the command starts");

@@ -5,7 +5,7 @@ use super::named::Named;
 use super::step_range::StepRange;
 use super::{Failure, heading, values};
 use brickyard::import::{
-    ArrayPlace, AxisOrder, ChannelArray, ChannelChoice, Endian, FileOrder, Gaps, NoData, OpenOptions,
+    ArrayPlace, AxisOrder, ChannelArray, ChannelChoice, Element, Endian, FileOrder, Gaps, NoData, OpenOptions,
 };
 use brickyard::volume::{Extent, VoxelBox, VoxelType};
 use clap::Args;
@@ -18,9 +18,9 @@ pub(crate) struct InputArguments {
     /// Voxels along each axis, for raw input
     #[arg(help_heading = heading::RAW, long, value_name = "X,Y,Z", value_parser = values::extent)]
     shape: Option<Extent>,
-    /// Voxel type, for raw input: u8, i8, u16, i16, u32, i32, f32
+    /// Voxel type, for raw input: u8, i8, u16, i16, u32, i32, f32; or f16, i64, u64, f64, which are held in 32 bits
     #[arg(help_heading = heading::RAW, long)]
-    dtype: Option<VoxelType>,
+    dtype: Option<Element>,
     /// Byte order, for raw input
     #[arg(help_heading = heading::RAW, long, value_parser = ENDIANS, default_value = "little")]
     endian: Endian,

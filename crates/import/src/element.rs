@@ -43,16 +43,52 @@ impl std::fmt::Display for Endian {
 
 /// Type of a number in a file: a voxel type, a type widened to one, or a wider type to be narrowed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Element {
+pub enum Element {
+    /// A voxel type.
     Voxel(VoxelType),
     /// 16-bit float, widened to f32 without loss.
     F16,
+    /// 64-bit integer, narrowed to i32.
     I64,
+    /// 64-bit integer without a sign, narrowed to u32.
     U64,
+    /// 64-bit float, narrowed to f32.
     F64,
 }
 
+impl From<VoxelType> for Element {
+    fn from(voxel_type: VoxelType) -> Self {
+        Self::Voxel(voxel_type)
+    }
+}
+
+impl std::str::FromStr for Element {
+    type Err = String;
+
+    /// Accepts the names of voxel types, and of the others those of this project (`i64`), NumPy and Zarr (`int64`, `float16`).
+    fn from_str(s: &str) -> Result<Self, String> {
+        match s.to_ascii_lowercase().as_str() {
+            "f16" | "float16" => Ok(Self::F16),
+            "i64" | "int64" => Ok(Self::I64),
+            "u64" | "uint64" => Ok(Self::U64),
+            "f64" | "float64" | "double" => Ok(Self::F64),
+            _ => s.parse().map(Self::Voxel).map_err(|problem: String| format!("{problem}, f16, i64, u64, f64")),
+        }
+    }
+}
+
+impl std::fmt::Display for Element {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
 impl Element {
+    /// All types, narrower ones first.
+    pub(crate) fn all() -> impl Iterator<Item = Self> {
+        VoxelType::ALL.into_iter().map(Self::Voxel).chain([Self::F16, Self::I64, Self::U64, Self::F64])
+    }
+
     pub(crate) fn bytes(self) -> usize {
         match self {
             Self::Voxel(t) => t.bytes(),
@@ -278,6 +314,19 @@ mod tests {
         let bytes: Vec<u8> = values.iter().flat_map(|v| v.to_be_bytes()).collect();
         assert_eq!(decode(Element::Voxel(VoxelType::F32), Endian::Big, None, &bytes), values.map(f64::from));
         assert_eq!(decode(Element::Voxel(VoxelType::I16), Endian::Big, None, &[0x80, 0, 0, 7]), [-32768.0, 7.0]);
+    }
+
+    #[test]
+    fn names_of_types_are_read_back() {
+        for element in Element::all() {
+            assert_eq!(element.to_string().parse(), Ok(element));
+        }
+        assert_eq!(
+            ["float64", "Double", "INT64"].map(str::parse),
+            [Ok(Element::F64), Ok(Element::F64), Ok(Element::I64)]
+        );
+        assert_eq!("float".parse(), Ok(Element::Voxel(VoxelType::F32)));
+        assert!("f128".parse::<Element>().unwrap_err().contains("f32, f16, i64"));
     }
 
     #[test]

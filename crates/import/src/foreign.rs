@@ -117,7 +117,7 @@ mod tests {
         let (_folder, path) = temp_file("a.nrrd", b"NRRD0004");
         let told = OpenOptions {
             shape: Some(brickyard_volume::Extent::new(8, 1, 1)),
-            voxel_type: Some(brickyard_volume::VoxelType::U8),
+            voxel_type: Some(brickyard_volume::VoxelType::U8.into()),
             ..OpenOptions::default()
         };
         assert!(open(&[path], &told).is_ok());

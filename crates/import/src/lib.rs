@@ -132,7 +132,7 @@ use absent::vtk;
 pub use axes::AxisOrder;
 pub use choice::{ChannelChoice, StepChoice};
 pub use described::Described;
-pub use element::Endian;
+pub use element::{Element, Endian};
 pub use error::{ImportError, is_of_process, limit_behind};
 pub use format::has_known_name;
 #[cfg(feature = "mesh")]

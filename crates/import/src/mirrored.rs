@@ -130,7 +130,7 @@ mod tests {
             let field = Field { sizes: [7, 6, 5, 1, 1], voxel_type };
             let (_folder, path) = temp_file("a.raw", &field.bytes("zyx", false));
             let options = OpenOptions {
-                shape: Some(Extent::new(7, 6, 5)), voxel_type: Some(voxel_type), ..OpenOptions::default()
+                shape: Some(Extent::new(7, 6, 5)), voxel_type: Some(voxel_type.into()), ..OpenOptions::default()
             };
             let plain = open(std::slice::from_ref(&path), &options).unwrap();
             let turned = Mirrored::turned(open(&[path], &options).unwrap(), along);

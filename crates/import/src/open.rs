@@ -158,7 +158,8 @@ fn open_pipe(stream: &Path, options: &OpenOptions) -> Result<Box<dyn Source>> {
     check_used(Format::Raw, stream, options)?;
     let problem = "a stream does not describe its voxels; pass `shape` X,Y,Z and `voxel_type`";
     let layout = RawLayout::of(options).ok_or_else(|| ImportError::options(stream, problem))?;
-    overridden(Box::new(pipe::open(stream, &layout, options)?), None, stream, options)
+    let source = pipe::open(stream, &layout, options)?.with_losses(None, options)?;
+    overridden(Box::new(source), None, stream, options)
 }
 
 /// A source under the user's description, where there is one.
@@ -207,7 +208,7 @@ pub fn order_steps(paths: &[PathBuf], options: &OpenOptions) -> Result<(Vec<Path
 fn open_one(path: &Path, format: Format, options: &OpenOptions) -> Result<Box<dyn Source>> {
     Ok(match format {
         Format::Raw => Box::new(open_raw(path, options)?),
-        Format::RawText => Box::new(raw_text::open(path)?),
+        Format::RawText => Box::new(raw_text::open(path, options)?),
         Format::Npy => Box::new(npy::open(path, options)?),
         Format::Npz => Box::new(npz::open(path, options)?),
         Format::Mrc => Box::new(mrc::open(path, options)?),
@@ -254,7 +255,7 @@ fn open_raw(path: &Path, options: &OpenOptions) -> Result<RawSource> {
             format!("a raw file of {bytes} bytes does not describe its voxels; pass `shape` X,Y,Z and `voxel_type`");
         return Err(ImportError::options(path, problem));
     };
-    RawSource::open(path, &layout)
+    RawSource::mapped(path, &layout)?.with_losses(None, options)
 }
 
 /// Opens several TIFF files: planes if each has one page, time steps if each has more.
@@ -360,7 +361,7 @@ mod tests {
         let [x, y, z, c, t] = field.sizes;
         OpenOptions {
             shape: Some(Extent::new(x, y, z)),
-            voxel_type: Some(field.voxel_type),
+            voxel_type: Some(field.voxel_type.into()),
             channels: Some(c),
             times: Some(t),
             ..OpenOptions::default()
@@ -413,7 +414,7 @@ mod tests {
         let plain = OpenOptions::default();
         assert!(open(std::slice::from_ref(&path), &plain).is_ok());
         let useless = [
-            ("voxel_type", OpenOptions { voxel_type: Some(VoxelType::F32), ..plain.clone() }),
+            ("voxel_type", OpenOptions { voxel_type: Some(VoxelType::F32.into()), ..plain.clone() }),
             ("endian", OpenOptions { endian: Endian::Big, ..plain.clone() }),
             ("offset", OpenOptions { offset: Some(0), ..plain.clone() }),
             ("step_bytes", OpenOptions { step_bytes: Some(9), ..plain.clone() }),

@@ -2,7 +2,7 @@
 
 use crate::axes::AxisOrder;
 use crate::choice::{ChannelChoice, StepChoice};
-use crate::element::Endian;
+use crate::element::{Element, Endian};
 use crate::error::{ImportError, Result};
 use crate::source::SourceInfo;
 use brickyard_volume::units::free_unit;
@@ -73,8 +73,8 @@ pub enum ArrayPlace {
 pub struct OpenOptions {
     /// Number of voxels along x, y, z of a raw file. If given, any file is read as raw.
     pub shape: Option<Extent>,
-    /// Voxel type of a raw file.
-    pub voxel_type: Option<VoxelType>,
+    /// Type of a raw file's numbers: a voxel type, or one that is held in a voxel type.
+    pub voxel_type: Option<Element>,
     /// Byte order of a raw file.
     pub endian: Endian,
     /// Bytes before the first voxel of a raw file, 0 by default. If given, bytes after its last voxel are ignored, with a note.

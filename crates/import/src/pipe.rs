@@ -80,7 +80,7 @@ fn spooled(mut stream: impl Read, path: &Path, layout: &RawLayout, options: &Ope
             0 => {
                 let problem = format!(
                     "ended after {copied} bytes, expected {expected} for {} {}: check what is sent, `shape` and `voxel_type`",
-                    layout.extent, layout.voxel_type
+                    layout.extent, layout.element
                 );
                 return Err(ImportError::invalid(path, problem));
             }
@@ -93,7 +93,7 @@ fn spooled(mut stream: impl Read, path: &Path, layout: &RawLayout, options: &Ope
     if read_some(&mut stream, &mut buffer[..1], path)? > 0 {
         let problem = format!(
             "goes on after the {expected} bytes of {} {}: check `shape` and `voxel_type`, or send these bytes alone",
-            layout.extent, layout.voxel_type
+            layout.extent, layout.element
         );
         return Err(ImportError::invalid(path, problem));
     }

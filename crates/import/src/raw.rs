@@ -20,7 +20,7 @@ use crate::note::Note;
 use crate::options::OpenOptions;
 use crate::source::{Lent, Source, SourceInfo, Take};
 use crate::step_time::StepTime;
-use brickyard_volume::{Extent, VoxelBox, VoxelType};
+use brickyard_volume::{Extent, VoxelBox};
 use misfit::Misfit;
 use spread::Spread;
 use std::path::Path;
@@ -33,8 +33,8 @@ const LOSSES_AT_ONCE: usize = 1 << 20;
 pub struct RawLayout {
     /// Number of voxels along x, y, z of one volume.
     pub extent: Extent,
-    /// Type of a stored voxel.
-    pub voxel_type: VoxelType,
+    /// Type of a stored number.
+    pub element: Element,
     /// Byte order of a stored voxel.
     pub endian: Endian,
     /// Bytes before the first voxel of the file.
@@ -55,12 +55,12 @@ pub struct RawLayout {
 
 impl RawLayout {
     /// Describes a single little-endian volume, x fastest, from the start of the file.
-    pub fn new(extent: Extent, voxel_type: VoxelType) -> Self {
+    pub fn new(extent: Extent, element: impl Into<Element>) -> Self {
         let (endian, axes) = (Endian::Little, AxisOrder::default());
         let (may_trail, step_bytes, channel_bytes) = (false, None, None);
         Self {
             extent,
-            voxel_type,
+            element: element.into(),
             endian,
             offset: 0,
             may_trail,
@@ -91,7 +91,7 @@ impl RawLayout {
         ArrayLayout {
             sizes: Sizes { extent: self.extent, channels: self.channels, times: self.times },
             axes: self.axes.clone(),
-            decode: Decode { element: Element::Voxel(self.voxel_type), endian: self.endian, scale: None },
+            decode: Decode { element: self.element, endian: self.endian, scale: None },
             offset: self.offset,
         }
     }
@@ -117,6 +117,14 @@ pub struct RawSource {
     /// Bytes between neighbours along each axis, in the order of [`Axis`].
     strides: [u64; 5],
     step_time: StepTime,
+}
+
+/// Runs of numbers without a gap.
+struct Runs {
+    /// Number of runs and bytes from one to the next, along each axis outside of them, slowest first.
+    outer: Vec<(u64, u64)>,
+    /// Bytes of a run.
+    bytes: u64,
 }
 
 /// Layout of an array's voxels in its file.
@@ -162,9 +170,14 @@ impl RawSource {
     /// Opens a headerless file.
     ///
     /// # Errors
-    /// If the file is missing or unreadable, or differs in size from the layout: the message then lists the shapes that would
-    /// fit.
+    /// If the file is missing or unreadable, differs in size from the layout (the message then lists the shapes that would
+    /// fit), or has 64-bit numbers that its voxels cannot hold.
     pub fn open(path: &Path, layout: &RawLayout) -> Result<Self, ImportError> {
+        Self::mapped(path, layout)?.with_losses(None, &OpenOptions::default())
+    }
+
+    /// Opens a headerless file, whose losses are not counted yet.
+    pub(crate) fn mapped(path: &Path, layout: &RawLayout) -> Result<Self> {
         let end = layout.end_bytes(path)?;
         let file = MappedFile::open(path)?;
         let (found, array) = (file.len() as u64, layout.array());
@@ -178,7 +191,7 @@ impl RawSource {
         Ok(Self { info, file, strides: spread.strides(&array), array, step_time: StepTime::default() })
     }
 
-    /// Creates a source of a headerless stream, held in a scratch file up to its last voxel.
+    /// Creates a source of a headerless stream, held in a scratch file up to its last voxel. Its losses are not counted yet.
     ///
     /// # Errors
     /// If the scratch file is shorter.
@@ -256,15 +269,16 @@ impl RawSource {
         self.info.voxel_type = self.array.decode.voxel_type();
         let path = &self.file.path;
         let Some(mut losses) = Losses::may_occur(path, self.array.decode, nodata, options) else { return Ok(self) };
-        let body = self.array.body_bytes().map_err(|problem| ImportError::invalid(path, problem))?;
-        // Records of the slowest axis may lie apart.
-        let slowest = self.array.axes.axes().first().copied().unwrap_or(Axis::T);
-        let count = u64::from(self.array.sizes.of(slowest)).max(1);
-        let stride = self.stride(slowest);
-        let records = if stride == body / count { 1 } else { count };
-        for record in 0..records {
-            let start = self.array.offset + record * stride;
-            let numbers = &self.file[start as usize..][..(body / records) as usize];
+        let Runs { outer, bytes } = self.runs();
+        let count: u64 = outer.iter().map(|(size, _)| size).product();
+        for run in 0..count {
+            let mut rest = run;
+            let start = outer.iter().rev().fold(self.array.offset, |start, (size, stride)| {
+                let place = rest % size;
+                rest /= size;
+                start + place * stride
+            });
+            let numbers = &self.file[start as usize..][..bytes as usize];
             for part in numbers.chunks(LOSSES_AT_ONCE) {
                 let seen = losses.see(part);
                 // Missing parts of the file read as zeros.
@@ -277,6 +291,18 @@ impl RawSource {
         self.array.decode = decode;
         self.info.voxel_type = decode.voxel_type();
         Ok(self)
+    }
+
+    /// The longest runs without a gap: records, steps or channels may lie apart.
+    fn runs(&self) -> Runs {
+        let axes = self.array.axes.axes();
+        let size = |axis: Axis| u64::from(self.array.sizes.of(axis));
+        let (mut bytes, mut inner) = (self.array.decode.element.bytes() as u64, axes.len());
+        while let Some(&axis) = axes[..inner].last().filter(|axis| size(**axis) == 1 || self.stride(**axis) == bytes) {
+            bytes *= size(axis);
+            inner -= 1;
+        }
+        Runs { outer: axes[..inner].iter().map(|&axis| (size(axis), self.stride(axis))).collect(), bytes }
     }
 
     /// A box's start in the file, and its copy loops.

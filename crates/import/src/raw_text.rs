@@ -60,7 +60,7 @@ pub(crate) fn beside(raw: &Path) -> Option<PathBuf> {
 }
 
 /// Opens a raw file by the text, or by the raw file that it lies beside.
-pub(crate) fn open(path: &Path) -> Result<RawSource> {
+pub(crate) fn open(path: &Path, told: &OpenOptions) -> Result<RawSource> {
     let is_named = name_of(path).to_ascii_lowercase().ends_with(END);
     let text = if is_named { None } else { beside(path) };
     let text = text.as_deref().unwrap_or(path);
@@ -72,7 +72,8 @@ pub(crate) fn open(path: &Path) -> Result<RawSource> {
     let layout = RawLayout::of(&options);
     let needed =
         "has no `shape` or no `dtype`: both are needed, as in {\"shape\": [256, 256, 108], \"dtype\": \"u16\"}";
-    let mut source = RawSource::open(&raw, &layout.ok_or_else(|| ImportError::invalid(text, needed))?)?;
+    let mut source = RawSource::mapped(&raw, &layout.ok_or_else(|| ImportError::invalid(text, needed))?)?
+        .with_losses(fields.nodata, told)?;
     let mut told = Ok(());
     source = source.described(|info| {
         told = (|| {

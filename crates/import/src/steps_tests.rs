@@ -44,7 +44,7 @@ fn refusal(inputs: &[PathBuf], options: &OpenOptions) -> String {
 }
 
 fn told() -> OpenOptions {
-    OpenOptions { shape: Some(Extent::new(7, 5, 4)), voxel_type: Some(VoxelType::U16), ..OpenOptions::default() }
+    OpenOptions { shape: Some(Extent::new(7, 5, 4)), voxel_type: Some(VoxelType::U16.into()), ..OpenOptions::default() }
 }
 
 #[test]

@@ -174,7 +174,7 @@ mod tests {
             let (_folder, path) = temp_file("a.raw", &field.bytes("tczyx", false));
             let options = OpenOptions {
                 shape: Some(Extent::new(11, 8, 5)),
-                voxel_type: Some(voxel_type),
+                voxel_type: Some(voxel_type.into()),
                 channels: Some(2),
                 times: Some(2),
                 spacing: Some(DVec3::new(0.5, 1.0, 3.0)),
@@ -216,7 +216,7 @@ mod tests {
         let (_folder, path) = temp_file("a.raw", &field.bytes("zyx", false));
         let options = OpenOptions {
             shape: Some(Extent::new(9, 12, 7)),
-            voxel_type: Some(VoxelType::U8),
+            voxel_type: Some(VoxelType::U8.into()),
             spacing: Some(DVec3::new(2.0, 1.0, 1.0)),
             ..OpenOptions::default()
         };

@@ -168,7 +168,7 @@ mod tests {
         std::fs::write(&path, vec![3; 300 * 20 * 10]).unwrap();
         let files = OpenOptions {
             shape: Some(Extent::new(300, 20, 10)),
-            voxel_type: Some(VoxelType::U8),
+            voxel_type: Some(VoxelType::U8.into()),
             ..OpenOptions::default()
         };
         let store = Some(folder.path().join("a.zarr"));
@@ -190,7 +190,7 @@ mod tests {
         std::fs::write(&path, vec![3; 30 * 20 * 10]).unwrap();
         let files = OpenOptions {
             shape: Some(Extent::new(30, 20, 10)),
-            voxel_type: Some(VoxelType::U8),
+            voxel_type: Some(VoxelType::U8.into()),
             ..OpenOptions::default()
         };
         let store = Some(folder.path().join("a.zarr"));

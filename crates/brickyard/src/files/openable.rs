@@ -119,7 +119,7 @@ mod tests {
         std::fs::write(&raw, [7; 24]).unwrap();
         let options = OpenOptions {
             shape: Some(Extent::new(2, 3, 4)),
-            voxel_type: Some(VoxelType::U8),
+            voxel_type: Some(VoxelType::U8.into()),
             ..OpenOptions::default()
         };
         let Openable::Source(source) = open(std::slice::from_ref(&raw), &options).unwrap() else { panic!("a store") };

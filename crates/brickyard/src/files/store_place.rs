@@ -71,7 +71,7 @@ mod tests {
         let path = folder.path().join("my scan.v2.raw");
         std::fs::write(&path, [7; 24]).unwrap();
         let shape = Some(Extent::new(2, 3, 4));
-        let options = OpenOptions { shape, voxel_type: Some(VoxelType::U8), ..OpenOptions::default() };
+        let options = OpenOptions { shape, voxel_type: Some(VoxelType::U8.into()), ..OpenOptions::default() };
         let source = || open(std::slice::from_ref(&path), &options).unwrap();
         let image = crate::files::openable::pack_options(VoxelType::U8, Kind::Image);
         let labels = crate::files::openable::pack_options(VoxelType::U8, Kind::Labels);
@@ -97,7 +97,7 @@ mod tests {
         let path = folder.path().join("a.raw");
         std::fs::write(&path, [7; 24]).unwrap();
         let shape = Some(Extent::new(2, 3, 4));
-        let options = OpenOptions { shape, voxel_type: Some(VoxelType::U8), ..OpenOptions::default() };
+        let options = OpenOptions { shape, voxel_type: Some(VoxelType::U8.into()), ..OpenOptions::default() };
         let source = open(&[path], &options).unwrap();
         let options = PackOptions::new(VoxelType::U8);
         for (input, start) in [("/", "volume-"), (".hidden.raw", "hidden-"), (&*"é".repeat(100), "éé")] {

@@ -317,7 +317,7 @@ mod tests {
         let path = folder.path().join("a.raw");
         std::fs::write(&path, &raw).unwrap();
         let shape = Some(Extent::new(40, 30, 20));
-        let options = OpenOptions { shape, voxel_type: Some(VoxelType::U8), ..OpenOptions::default() };
+        let options = OpenOptions { shape, voxel_type: Some(VoxelType::U8.into()), ..OpenOptions::default() };
         let source: Arc<dyn Source> = Arc::from(open(&[path], &options).unwrap());
         let place = folder.path().join("not yet/there/a.zarr");
         let mut work = pack(source.clone(), place.clone(), PackOptions::new(VoxelType::U8));

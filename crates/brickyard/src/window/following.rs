@@ -80,7 +80,7 @@ mod tests {
     fn volume(folder: &Path, value: u8) -> Box<dyn Source> {
         let path = folder.join(format!("{value}.raw"));
         std::fs::write(&path, vec![value; 20 * 10 * 5]).unwrap();
-        let (shape, voxel_type) = (Some(Extent::new(20, 10, 5)), Some(VoxelType::U8));
+        let (shape, voxel_type) = (Some(Extent::new(20, 10, 5)), Some(VoxelType::U8.into()));
         brickyard_import::open(&[path], &OpenOptions { shape, voxel_type, ..OpenOptions::default() }).unwrap()
     }
 

@@ -295,7 +295,7 @@ mod tests {
         std::fs::write(&path, (0..300 * 40 * 30u32).map(|i| (i % 251) as u8).collect::<Vec<u8>>()).unwrap();
         let files = OpenOptions {
             shape: Some(Extent::new(300, 40, 30)),
-            voxel_type: Some(VoxelType::U8),
+            voxel_type: Some(VoxelType::U8.into()),
             ..OpenOptions::default()
         };
         (path, OpeningOptions { files, store: Some(folder.join("stores/scan-1f2e.zarr")), ..OpeningOptions::default() })

@@ -13,7 +13,7 @@ fn raw(field: Field, channels: u32) -> OpenOptions {
     let [x, y, z, _, t] = field.sizes;
     OpenOptions {
         shape: Some(Extent::new(x, y, z)),
-        voxel_type: Some(field.voxel_type),
+        voxel_type: Some(field.voxel_type.into()),
         times: Some(t),
         channels: Some(channels),
         ..OpenOptions::default()
@@ -195,8 +195,11 @@ fn voxels_without_data_stay_so_in_one_type() {
 
 /// A source of one channel with another description.
 fn described_as(path: &Path, name: &str, describe: impl FnOnce(&mut SourceInfo)) -> NamedArray {
-    let options =
-        OpenOptions { shape: Some(Extent::new(4, 2, 1)), voxel_type: Some(VoxelType::U8), ..OpenOptions::default() };
+    let options = OpenOptions {
+        shape: Some(Extent::new(4, 2, 1)),
+        voxel_type: Some(VoxelType::U8.into()),
+        ..OpenOptions::default()
+    };
     let source = open(&[path.to_owned()], &options).unwrap();
     let mut info = source.info().clone();
     describe(&mut info);

@@ -18,7 +18,7 @@ fn opened(
     let (folder, path) = temp_file("a.raw", &bytes);
     let options = OpenOptions {
         shape: Some(Extent::new(values.len() as u32 / channels, 1, 1)),
-        voxel_type: Some(VoxelType::F32),
+        voxel_type: Some(VoxelType::F32.into()),
         channels: Some(channels),
         axes: Some("zyxc".parse().unwrap()),
         component: Some(component.into()),
@@ -79,7 +79,7 @@ fn components_are_called_by_name_before_number() {
         let (folder, path) = temp_file("a.raw", bytes);
         let options = OpenOptions {
             shape: Some(Extent::new(4, 3, 2)),
-            voxel_type: Some(VoxelType::I16),
+            voxel_type: Some(VoxelType::I16.into()),
             ..OpenOptions::default()
         };
         (folder, NamedArray { name: name.into(), path: path.clone(), source: open(&[path], &options).unwrap() })
@@ -104,7 +104,7 @@ fn parts_of_large_boxes_fit_together() {
     let (_folder, path) = temp_file("a.raw", &bytes);
     let options = OpenOptions {
         shape: Some(Extent::new(x as u32, y as u32 / 2, 2)),
-        voxel_type: Some(VoxelType::F32),
+        voxel_type: Some(VoxelType::F32.into()),
         channels: Some(2),
         axes: Some("zyxc".parse().unwrap()),
         component: Some("magnitude".into()),

@@ -69,7 +69,7 @@ fn named_pipes_are_read_once() {
     assert_eq!(stream_among(&["x".into()], &arrays[..1]), None);
     let options = OpenOptions {
         shape: Some(Extent::new(5, 4, 3)),
-        voxel_type: Some(VoxelType::U16),
+        voxel_type: Some(VoxelType::U16.into()),
         times: Some(2),
         ..OpenOptions::default()
     };

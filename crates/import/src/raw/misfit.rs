@@ -1,7 +1,8 @@
 //! Message about a raw file of another size than its layout, with shapes and types that would fit.
 
 use super::RawLayout;
-use brickyard_volume::{Extent, VoxelType, counted};
+use crate::element::Element;
+use brickyard_volume::{Extent, counted};
 
 /// A file's size unlike its layout's.
 pub(super) struct Misfit<'a> {
@@ -15,13 +16,13 @@ impl Misfit<'_> {
     /// Expectation, finding, and the ways to settle it.
     pub(super) fn message(&self) -> String {
         let Self { layout, end, found } = *self;
-        let RawLayout { extent, voxel_type, offset, channels, times, .. } = *layout;
+        let RawLayout { extent, element, offset, channels, times, .. } = *layout;
         let surplus = found.saturating_sub(end);
         let difference = match surplus {
             0 => format!("{} too few", end - found),
             _ => format!("{surplus} too many"),
         };
-        let mut what = format!("{extent} {voxel_type}");
+        let mut what = format!("{extent} {element}");
         for (n, name) in [(channels, "channel"), (times, "time step")] {
             if n > 1 {
                 what += &format!(" with {}", counted(n.into(), name));
@@ -62,29 +63,22 @@ impl Misfit<'_> {
         let sets = u128::from(layout.channels) * u128::from(layout.times);
         let mut fits = Vec::new();
         let (body, voxels) = (u128::from(body), u128::from(layout.extent.volume()) * sets);
-        let types: Vec<&str> = VoxelType::ALL
-            .into_iter()
-            .filter(|t| *t != layout.voxel_type && voxels * t.bytes() as u128 == body)
-            .map(VoxelType::name)
+        let types: Vec<&str> = Element::all()
+            .filter(|t| *t != layout.element && voxels * t.bytes() as u128 == body)
+            .map(Element::name)
             .collect();
         if !types.is_empty() {
             fits.push(format!("{} {}", layout.extent, types.join(" or ")));
         }
-        if voxels * 8 == body {
-            fits.push(format!(
-                "{} of 8-byte numbers, which are read from .npy files, not from raw ones",
-                layout.extent
-            ));
-        }
-        let plane = u128::from(x) * u128::from(y) * sets * layout.voxel_type.bytes() as u128;
+        let plane = u128::from(x) * u128::from(y) * sets * layout.element.bytes() as u128;
         if body.is_multiple_of(plane) && body / plane <= u128::from(u32::MAX) {
-            fits.push(format!("{x},{y},{} {}", body / plane, layout.voxel_type));
+            fits.push(format!("{x},{y},{} {}", body / plane, layout.element));
         }
         let step = plane * u128::from(z) / u128::from(layout.times);
         if body.is_multiple_of(step) && body > step && layout.channels == 1 {
-            fits.push(format!("{} {} with {} time steps", layout.extent, layout.voxel_type, body / step));
+            fits.push(format!("{} {} with {} time steps", layout.extent, layout.element, body / step));
         }
-        for (bytes, names) in [(1, "u8"), (2, "u16 or i16"), (4, "f32, u32 or i32")] {
+        for (bytes, names) in [(1, "u8"), (2, "u16 or i16"), (4, "f32, u32 or i32"), (8, "f64, i64 or u64")] {
             let edge = ((body / bytes) as f64).cbrt().round() as u128;
             if edge > 0 && edge.checked_pow(3).and_then(|n| n.checked_mul(bytes)) == Some(body) {
                 fits.push(format!("{edge},{edge},{edge} {names}"));

@@ -1,7 +1,8 @@
 //! Raw files against arrays made by hand.
 
 use super::*;
-use crate::testing::{Field, assert_boxes, temp_file};
+use crate::testing::{Field, assert_boxes, said, temp_file};
+use brickyard_volume::VoxelType;
 use proptest::prelude::*;
 
 fn layout(field: Field, axes: &str, endian: Endian) -> RawLayout {
@@ -197,10 +198,71 @@ fn impossible_distances_are_refused() {
     assert!(refusal(24, &far).contains("no file is so long"));
 }
 
+/// Values of all channels and steps, and the notes.
+fn numbers(bytes: &[u8], layout: &RawLayout, options: &OpenOptions) -> Result<(VoxelType, Vec<f64>, String), String> {
+    let (_folder, path) = temp_file("a.raw", bytes);
+    let source = RawSource::mapped(&path, layout).and_then(|source| source.with_losses(None, options));
+    let source = source.map_err(|error| error.to_string())?;
+    let SourceInfo { extent, voxel_type, channels, times, ref notes, .. } = *source.info();
+    let mut values = Vec::new();
+    for (time, channel) in (0..times).flat_map(|time| (0..channels).map(move |channel| (time, channel))) {
+        let mut out = vec![0; extent.volume() as usize * voxel_type.bytes()];
+        source.read_box(time, channel, extent.full_box(), &mut out).unwrap();
+        values.extend((0..extent.volume() as usize).map(|i| voxel_type.read(&out, i)));
+    }
+    Ok((voxel_type, values, said(notes)))
+}
+
+#[test]
+fn wide_numbers_are_held_where_they_fit() {
+    let layout = |element| RawLayout { endian: Endian::Big, ..RawLayout::new(Extent::new(3, 1, 1), element) };
+    let plain = OpenOptions::default();
+    let i64s = |numbers: [i64; 3]| numbers.map(i64::to_be_bytes).concat();
+    let (voxel_type, values, notes) = numbers(&i64s([-7, 0, 1 << 30]), &layout(Element::I64), &plain).unwrap();
+    assert_eq!((voxel_type, &values[..]), (VoxelType::I32, &[-7.0, 0.0, 1073741824.0][..]));
+    assert!(notes.contains("Voxels are i64 and are held as i32: no value is changed"), "{notes}");
+    let message = numbers(&i64s([-7, 0, 1 << 31]), &layout(Element::I64), &plain).unwrap_err();
+    assert!(message.contains("2147483648 cannot be held") && message.contains("`allow_lossy`"), "{message}");
+    let f64s = [0.5f64, -1e300, 0.1].map(f64::to_be_bytes).concat();
+    assert!(numbers(&f64s, &layout(Element::F64), &plain).is_err());
+    let lossy = OpenOptions { allow_lossy: true, ..plain.clone() };
+    let (voxel_type, values, notes) = numbers(&f64s, &layout(Element::F64), &lossy).unwrap();
+    assert_eq!((voxel_type, &values[..]), (VoxelType::F32, &[0.5, f64::NEG_INFINITY, f64::from(0.1f32)][..]));
+    assert!(notes.contains("1 infinite, 1 rounded"), "{notes}");
+    let f16s = [1.5f32, -2.0, 65504.0].map(|n| half::f16::from_f32(n).to_be_bytes()).concat();
+    assert_eq!(numbers(&f16s, &layout(Element::F16), &plain).unwrap().1, [1.5, -2.0, 65504.0]);
+    // Not looked through by this function's caller.
+    let (_folder, path) = temp_file("a.raw", &i64s([1 << 40, 0, 0]));
+    assert!(RawSource::open(&path, &layout(Element::I64)).is_err());
+}
+
+/// Bytes between steps and channels are no numbers.
+#[test]
+fn losses_are_those_of_the_voxels_alone() {
+    let far = f64::MAX.to_le_bytes();
+    let mut bytes = Vec::new();
+    for number in [1.0f64, 2.0, 3.0, 4.0] {
+        bytes.extend(number.to_le_bytes());
+        bytes.extend(far);
+    }
+    let apart = RawLayout {
+        times: 2,
+        channels: 2,
+        channel_bytes: Some(16),
+        may_trail: true,
+        ..RawLayout::new(Extent::new(1, 1, 1), Element::F64)
+    };
+    assert_eq!(numbers(&bytes, &apart, &OpenOptions::default()).unwrap().1, [1.0, 2.0, 3.0, 4.0]);
+    let steps = RawLayout { channels: 1, channel_bytes: None, step_bytes: Some(32), ..apart };
+    assert_eq!(numbers(&bytes, &steps, &OpenOptions::default()).unwrap().1, [1.0, 3.0]);
+    bytes[32..40].copy_from_slice(&far);
+    assert!(numbers(&bytes, &steps, &OpenOptions::default()).unwrap_err().contains("cannot be held"));
+}
+
 #[test]
 fn sizes_that_fit_other_numbers_are_named() {
     let plain = RawLayout::new(Extent::new(16, 16, 8), VoxelType::F32);
-    assert!(refusal(8 * 2048, &plain).contains("8-byte numbers"));
+    assert!(refusal(8 * 2048, &plain).contains("16,16,8 i64 or u64 or f64"));
     let steps = RawLayout { times: 2, ..plain };
     assert!(refusal(4 * 2048 * 4, &steps).contains("with 4 time steps"));
     let message = refusal(4 * 2048 * 2 + 24, &steps);

@@ -48,14 +48,32 @@ fn a_text_describes_the_file_beside_it() {
 }
 
 #[test]
+fn wide_numbers_follow_the_rules_of_losses() {
+    let numbers = [3_000_000_000i64, -1].map(i64::to_le_bytes).concat();
+    let (folder, path) = temp_file("a.raw", &numbers);
+    let text = r#"{"shape": [2, 1, 1], "dtype": "int64", "nodata": -1}"#;
+    std::fs::write(folder.path().join("a.json"), text).unwrap();
+    let opened = |options: &OpenOptions| open(std::slice::from_ref(&path), options).map_err(|error| error.to_string());
+    assert!(opened(&OpenOptions::default()).err().unwrap().contains("3000000000 cannot be held as it is in i32"));
+    let to = |nodata| OpenOptions { to_voxel_type: Some(VoxelType::U32), nodata, ..OpenOptions::default() };
+    assert!(opened(&to(NoData::OfFile)).err().unwrap().contains("beside -1"));
+    let lossy = OpenOptions { allow_lossy: true, ..OpenOptions::default() };
+    let source = opened(&lossy).unwrap();
+    assert_eq!((source.info().voxel_type, source.info().nodata), (VoxelType::I32, Some(-1.0)));
+}
+
+#[test]
 fn the_caller_s_options_come_first() {
     let folder = written("a.json", TEXT);
     let path = folder.path().join("a.raw");
     let told = OpenOptions { nodata: NoData::None, unit: Some("meter".into()), ..OpenOptions::default() };
     let source = open(std::slice::from_ref(&path), &told).unwrap();
     assert_eq!((source.info().nodata, source.info().geometry.unit.as_deref()), (None, Some("meter")));
-    let shape =
-        OpenOptions { shape: Some(Extent::new(293, 1, 1)), voxel_type: Some(VoxelType::U8), ..OpenOptions::default() };
+    let shape = OpenOptions {
+        shape: Some(Extent::new(293, 1, 1)),
+        voxel_type: Some(VoxelType::U8.into()),
+        ..OpenOptions::default()
+    };
     assert_eq!(open(&[path], &shape).unwrap().info().channels, 1);
 }
 
@@ -82,7 +100,7 @@ fn texts_that_say_too_little_or_too_much_are_refused() {
     let folder = written("a.json", &TEXT.replace("a.raw", "c.raw"));
     assert!(opened(&folder.path().join("a.raw")).err().unwrap().contains("describes"));
     let folder = written("a.json", TEXT);
-    let told = OpenOptions { voxel_type: Some(VoxelType::U8), ..OpenOptions::default() };
+    let told = OpenOptions { voxel_type: Some(VoxelType::U8.into()), ..OpenOptions::default() };
     let message = open(&[folder.path().join("a.json")], &told).err().unwrap().to_string();
     assert!(message.contains("`voxel_type` is for raw files"), "{message}");
 }

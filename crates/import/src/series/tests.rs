@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 const MOST_OPEN_FILES: u64 = 64;
 
 fn told(extent: Extent) -> OpenOptions {
-    OpenOptions { shape: Some(extent), voxel_type: Some(VoxelType::U16), ..OpenOptions::default() }
+    OpenOptions { shape: Some(extent), voxel_type: Some(VoxelType::U16.into()), ..OpenOptions::default() }
 }
 
 /// A NIfTI file of numbers of one type, by its code and bits.

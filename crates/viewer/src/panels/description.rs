@@ -65,7 +65,7 @@ impl Description {
         let count = |count: u32| (count > 0).then_some(count);
         let files = OpenOptions {
             shape: self.shape.iter().all(|count| *count > 0).then(|| Extent::from_array(self.shape)),
-            voxel_type: self.voxel_type,
+            voxel_type: self.voxel_type.map(Into::into),
             endian: if self.big_endian { Endian::Big } else { Endian::Little },
             offset: (self.offset > 0).then_some(self.offset),
             axes,
@@ -229,7 +229,7 @@ mod tests {
         let options = harness.state().options(&base).unwrap();
         assert_eq!(
             (options.files.shape, options.files.voxel_type),
-            (Some(Extent::new(64, 64, 64)), Some(VoxelType::U8))
+            (Some(Extent::new(64, 64, 64)), Some(VoxelType::U8.into()))
         );
         assert_eq!((options.kind, options.files.spacing), (Kind::Labels, Some(DVec3::ONE)));
         assert_eq!(options.files.axes, Some("tzyx".parse().unwrap()));

@@ -64,13 +64,13 @@ fn lists_are_no_grids_of_lists_nor_steps_beside_others() {
     assert_says(&message, &["is a list of grids", "`variable`"]);
     let message = |options: OpenOptions| open(std::slice::from_ref(&list), &options).err().unwrap().to_string();
     assert_says(
-        &message(OpenOptions { voxel_type: Some(VoxelType::U8), ..OpenOptions::default() }),
+        &message(OpenOptions { voxel_type: Some(VoxelType::U8.into()), ..OpenOptions::default() }),
         &["`voxel_type` is for raw"],
     );
     assert_says(&message(OpenOptions { times: Some(2), ..OpenOptions::default() }), &["`times` is for raw"]);
     // With a shape any file is raw.
     let shape = Some(Extent::new(4, 1, 1));
-    let raw = OpenOptions { shape, voxel_type: Some(VoxelType::U8), offset: Some(0), ..OpenOptions::default() };
+    let raw = OpenOptions { shape, voxel_type: Some(VoxelType::U8.into()), offset: Some(0), ..OpenOptions::default() };
     assert_eq!(open(&[list], &raw).unwrap().info().extent, Extent::new(4, 1, 1));
 }
 
