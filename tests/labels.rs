@@ -1,6 +1,7 @@
 //! Labels: read at the nearest voxel and never mixed, in every mode, by every way to draw, at every level, zoom and angle; their colours,
 //! looks and flags.
 
+use crate::bad_input::nifti_header;
 use brickyard::oracle::render_reference;
 use brickyard::session::{SessionOptions, VolumeSource, resolve};
 use brickyard::store::{Downsample, Kind, PackOptions, Store};
@@ -390,6 +391,37 @@ fn labels_have_the_colours_of_the_metadata() {
     }
     let (info, _) = run_ok(&["info", &store]);
     assert!(info.contains("2 labels with colors of their own"), "{info}");
+}
+
+/// A file's word makes its kind, and a flag another one.
+#[test]
+fn files_that_say_so_are_labels() {
+    let sandbox = Sandbox::default();
+    let mut header = nifti_header(&[4, 2, 2], 4, 16);
+    let voxels: Vec<u8> = (0..16i16).flat_map(i16::to_le_bytes).collect();
+    sandbox.write("image.nii", [&header[..], &voxels].concat());
+    header[68..70].copy_from_slice(&1002i16.to_le_bytes());
+    sandbox.write("labels.nii", [&header[..], &voxels].concat());
+    let kind_of = |store: &str| {
+        let store = Store::open(&sandbox.path(store)).expect("a store");
+        (store.info().kind, store.info().downsample.main())
+    };
+    for (line, store, kind, is_said) in [
+        ("pack labels.nii a.zarr", "a.zarr", (Kind::Labels, Downsample::Mode), true),
+        ("pack labels.nii b.zarr --kind image", "b.zarr", (Kind::Image, Downsample::Mean), false),
+        ("pack image.nii c.zarr", "c.zarr", (Kind::Image, Downsample::Mean), false),
+        ("append d.zarr labels.nii --time-step 1", "d.zarr", (Kind::Labels, Downsample::Mode), true),
+        ("append d.zarr image.nii", "d.zarr", (Kind::Labels, Downsample::Mode), false),
+    ] {
+        let (code, _, stderr) = sandbox.run(&format!("{line} --progress none"));
+        assert_eq!(code, 0, "{line}: {stderr}");
+        assert_eq!(kind_of(store), kind, "{line}");
+        assert_eq!(stderr.contains("NIFTI_INTENT_LABEL") && stderr.contains("--kind image"), is_said, "{line}: {stderr}");
+    }
+    let plan = sandbox.run_ok("pack labels.nii e.zarr --dry-run --json");
+    assert!(plan.contains("NIFTI_INTENT_LABEL"), "{plan}");
+    let (code, _, stderr) = sandbox.run("pack labels.nii e.zarr --downsample mean");
+    assert!(code == 2 && stderr.contains("--kind image"), "{code}: {stderr}");
 }
 
 /// Labels beyond 32 bits are refused, even with flags that permit losses in images, and never with advice to merge them.

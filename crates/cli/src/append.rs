@@ -49,8 +49,12 @@ struct Settings {
 /// # Errors
 /// With the message and exit code for the user.
 pub(crate) fn run(arguments: AppendArguments) -> Result<(), Failure> {
-    let AppendArguments { store, mut files, time, input, settings, limits } = arguments;
+    let AppendArguments { store, mut files, time, input, mut settings, limits } = arguments;
     let options = input.options(&mut files)?;
+    // A store's kind holds for all its steps.
+    if let Some(note) = Store::open(&store).err().and_then(|_| settings.heed(&files, &options)) {
+        say!("note: {}", with_flags(&note));
+    }
     if !time.is_empty() && time.len() != files.len() {
         let (given, files) = (counted(time.len() as u64, "time"), counted(files.len() as u64, "file"));
         return Err(Failure::usage(format!("--time: expected one time per file, found {given} for {files}")));

@@ -8,21 +8,21 @@ use super::plan_text::PlanText;
 use super::progress::{Progress, ProgressStyleArgument};
 use super::say::{self, say};
 use super::{heading, print_json, print_line, store_errors, values, verify};
-use brickyard::import::{Source, SourceInfo};
+use brickyard::import::{self, Note, OpenOptions, Source, SourceInfo};
 use brickyard::store::{
     self, AppendOptions, Codec, Downsample, Exists, Kind, PackError, PackOptions, PackPlan, Reductions, Store,
 };
 use brickyard::volume::{MAX_APRON, VoxelType, counted};
 use clap::Args;
 use std::num::NonZeroUsize;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 use std::time::Instant;
 
 /// The flags that determine a store's bytes.
 #[derive(Args, Clone, Debug)]
 pub(crate) struct StoreSettings {
-    /// Meaning of the voxels; labels are never averaged [default: image]
+    /// Meaning of the voxels; labels are never averaged [default: labels where the file says so, else image]
     #[arg(help_heading = heading::INPUT, long, value_parser = KINDS)]
     kind: Option<Kind>,
     /// Name of the volume in the store's OME-Zarr metadata [default: none]
@@ -115,7 +115,14 @@ pub(crate) struct PackSettings {
 pub(crate) const KINDS: Named<Kind> = Named(&[("image", Kind::Image, ""), ("labels", Kind::Labels, "")]);
 
 impl StoreSettings {
-    /// Whether the flags declare the voxels as labels.
+    /// Takes the files' word that they hold labels, unless a flag tells the kind. Returns a note on it.
+    pub(crate) fn heed(&mut self, inputs: &[PathBuf], options: &OpenOptions) -> Option<Note> {
+        let said = import::labels_said(inputs, options).filter(|_| self.kind.is_none());
+        self.kind = self.kind.or(said.as_ref().map(|_| Kind::Labels));
+        said
+    }
+
+    /// Whether the voxels are declared as labels.
     pub(crate) fn are_labels(&self) -> bool {
         self.kind == Some(Kind::Labels)
     }
@@ -130,7 +137,7 @@ impl StoreSettings {
         let averages = [Some(downsample.main()), downsample.second()].contains(&Some(Downsample::Mean));
         if kind == Kind::Labels && averages {
             let problem = "--downsample mean: the mean of two labels is another label: use mode, max, min or nearest \
-                           with --kind labels";
+                           with labels, or --kind image";
             return Err(Failure::usage(problem));
         }
         if kind == Kind::Labels && voxel_type.is_float() {

@@ -35,9 +35,9 @@ pub(crate) struct ViewArguments {
     stores: Vec<PathBuf>,
     #[command(flatten)]
     input: InputArguments,
-    /// Meaning of the files' voxels; labels are never averaged
-    #[arg(help_heading = heading::INPUT, long, value_parser = KINDS, default_value = "image")]
-    kind: Kind,
+    /// Meaning of the files' voxels; labels are never averaged [default: labels where the file says so, else image]
+    #[arg(help_heading = heading::INPUT, long, value_parser = KINDS)]
+    kind: Option<Kind>,
     /// The store to pack a file into [default: one in the user's cache, reused the next time]
     #[arg(help_heading = heading::WORK, long, value_name = "STORE")]
     store: Option<PathBuf>,

@@ -169,6 +169,12 @@ pub(crate) fn series_of(path: &Path) -> Result<Option<String>> {
     Ok((!stands_alone(&header)).then(|| header.series()))
 }
 
+/// Whether a file is a segmentation of labels: bits or a label map, not fractions.
+pub(crate) fn are_labels(path: &Path) -> Result<bool> {
+    let header = Header::read(path)?;
+    Ok(is_segmentation(&header) && segmentation::are_labels(&header)?)
+}
+
 /// Whether a file holds more than one slice of its series.
 fn stands_alone(header: &Header) -> bool {
     header.number(tags::NUMBER_OF_FRAMES).is_some_and(|n| n > 1.0) || header.is_mosaic() || is_segmentation(header)

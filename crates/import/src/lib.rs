@@ -66,6 +66,7 @@ mod gzip;
 #[cfg(feature = "hdf5")]
 mod hdf5;
 mod header_lines;
+mod labels;
 mod lengths;
 mod looks;
 mod losses;
@@ -135,6 +136,7 @@ pub use described::Described;
 pub use element::{Element, Endian};
 pub use error::{ImportError, is_of_process, limit_behind};
 pub use format::has_known_name;
+pub use labels::labels_said;
 #[cfg(feature = "mesh")]
 pub use mesh::read_mesh;
 pub use note::Note;

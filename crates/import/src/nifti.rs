@@ -31,6 +31,9 @@ use std::path::{Path, PathBuf};
 /// Bytes of an empty gzip file: head, an empty block, checksum and length.
 const LEAST_GZIP_BYTES: u64 = 20;
 
+/// `NIFTI_INTENT_LABEL` of the standard: a voxel is an index into a list of labels.
+const INTENT_LABEL: i32 = 1002;
+
 /// Opens a NIfTI file, or a pair of `.hdr` and `.img` by either name.
 pub(crate) fn open(path: &Path, options: &OpenOptions) -> Result<RawSource> {
     let found = Found::read(path)?;
@@ -56,6 +59,14 @@ pub(crate) fn check(path: &Path, options: &OpenOptions) -> Result<StepFile> {
         return Ok(StepFile { info, access, reader_bytes: 0, held_bytes: 0, scratch_bytes: expected, step_time });
     }
     Ok(StepFile::of(&open(path, options)?))
+}
+
+/// Whether the header says that the voxels are labels, which must be whole numbers.
+pub(crate) fn are_labels(path: &Path) -> Result<bool> {
+    let Found { header, .. } = Found::read(path)?;
+    let decode = header.array.decode;
+    let is_whole = decode.scale.is_none() && !decode.voxel_type().is_float();
+    Ok(header.analyze.is_none() && header.fields.intent_code == INTENT_LABEL && is_whole)
 }
 
 struct Found {

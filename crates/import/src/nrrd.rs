@@ -49,6 +49,12 @@ pub(crate) fn open(path: &Path, options: &OpenOptions) -> Result<RawSource> {
     Ok(source)
 }
 
+/// Whether the header says that the voxels are labels, which must be whole numbers.
+pub(crate) fn are_labels(path: &Path) -> Result<bool> {
+    let header = Header::read(path)?;
+    Ok(header.are_labels() && !header.decode()?.voxel_type().is_float())
+}
+
 /// The format keeps the range of values from before their quantization, to which no reader returns by itself.
 fn note_quantized(header: &Header, notes: &mut Vec<Note>) {
     if let (Some(min), Some(max)) = (header.get("oldmin"), header.get("oldmax")) {

@@ -90,14 +90,12 @@ fn open_grids(path: &Path, options: &OpenOptions) -> Result<Box<dyn Source>> {
 /// Opens one array: of one file, or of several as steps or planes.
 fn open_volume(inputs: &[PathBuf], options: &OpenOptions) -> Result<Box<dyn Source>> {
     let (inputs, options) = &split_variable(inputs, options)?;
-    // `unordered`: nobody has put the files in order.
-    let (paths, folder, unordered) = match &inputs[..] {
-        [] => return Err(ImportError::options(Path::new("input"), "none given")),
-        [stream] if pipe::is_pipe(stream) => return open_pipe(stream, options),
-        [folder] if folder.is_dir() => (files_of(folder, options, READ)?, true, true),
-        [one] => pattern::expand(one)?.map_or_else(|| (vec![one.clone()], false, false), |files| (files, false, true)),
-        files => (files.to_vec(), false, false),
-    };
+    if let [stream] = &inputs[..]
+        && pipe::is_pipe(stream)
+    {
+        return open_pipe(stream, options);
+    }
+    let Named { paths, is_folder: folder, is_unordered: unordered } = paths_of(inputs, options)?;
     // The given order is that of the steps, not of the files in a folder that forms one step.
     let order = options.order.filter(|order| *order != FileOrder::Given || !options.is_step);
     let format = format_of(&paths[0], options)?;
@@ -151,6 +149,28 @@ fn open_volume(inputs: &[PathBuf], options: &OpenOptions) -> Result<Box<dyn Sour
         _ => open_steps(&paths, format, options)?,
     };
     overridden(source, order_note, &paths[0], options)
+}
+
+/// The files that inputs name.
+pub(crate) struct Named {
+    pub(crate) paths: Vec<PathBuf>,
+    is_folder: bool,
+    /// Whether nobody has put them in order.
+    is_unordered: bool,
+}
+
+/// Finds the files of a folder, a pattern or a list.
+pub(crate) fn paths_of(inputs: &[PathBuf], options: &OpenOptions) -> Result<Named> {
+    let named = |paths, is_folder, is_unordered| Named { paths, is_folder, is_unordered };
+    Ok(match inputs {
+        [] => return Err(ImportError::options(Path::new("input"), "none given")),
+        [folder] if folder.is_dir() => named(files_of(folder, options, READ)?, true, true),
+        [one] => match pattern::expand(one)? {
+            Some(files) => named(files, false, true),
+            None => named(vec![one.clone()], false, false),
+        },
+        files => named(files.to_vec(), false, false),
+    })
 }
 
 /// Opens a stream of raw voxels.

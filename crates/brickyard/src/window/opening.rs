@@ -15,7 +15,7 @@ use crate::session::volume_source::VolumeSource;
 use crate::window::background::{self, Background, BackgroundError, Meter, PackingError};
 use crate::window::following::Follower;
 use crate::window::preview::{Preview, PreviewError};
-use brickyard_import::{ImportError, OpenOptions, Source};
+use brickyard_import::{ImportError, OpenOptions, Source, labels_said};
 use brickyard_store::{Kind, PackOptions};
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -25,8 +25,8 @@ use std::sync::Arc;
 pub struct OpeningOptions {
     /// Known properties of the files.
     pub files: OpenOptions,
-    /// The kind of their values.
-    pub kind: Kind,
+    /// The kind of their values; `None` is labels where the file says so, else an image.
+    pub kind: Option<Kind>,
     /// Place for the packed store; `None` is one in the user's cache.
     pub store: Option<PathBuf>,
     /// The most memory for a preview in bytes, outside all sessions' budgets.
@@ -35,7 +35,7 @@ pub struct OpeningOptions {
 
 impl Default for OpeningOptions {
     fn default() -> Self {
-        Self { files: OpenOptions::default(), kind: Kind::Image, store: None, preview_bytes: 256 << 20 }
+        Self { files: OpenOptions::default(), kind: None, store: None, preview_bytes: 256 << 20 }
     }
 }
 
@@ -266,12 +266,15 @@ impl Drop for Opening {
 
 /// Opens the path, and reads the preview of files not packed yet.
 fn found(path: PathBuf, options: OpeningOptions, meter: &Meter) -> Result<Found, OpeningError> {
-    let files = OpenOptions { are_labels: options.kind == Kind::Labels, ..options.files };
-    let source = match openable::open(std::slice::from_ref(&path), &files)? {
+    let inputs = std::slice::from_ref(&path);
+    let said = || labels_said(inputs, &options.files).map_or(Kind::Image, |_| Kind::Labels);
+    let kind = options.kind.unwrap_or_else(said);
+    let files = OpenOptions { are_labels: kind == Kind::Labels, ..options.files };
+    let source = match openable::open(inputs, &files)? {
         Openable::Store(volume) => return Ok(Found::Store(volume)),
         Openable::Source(source) => source,
     };
-    let pack_options = openable::pack_options(source.info().voxel_type, options.kind);
+    let pack_options = openable::pack_options(source.info().voxel_type, kind);
     let place = match options.store {
         Some(place) => place,
         None => place_in(&user_folder().ok_or(OpeningError::NoPlace)?, &path, &*source, &pack_options),
@@ -279,7 +282,7 @@ fn found(path: PathBuf, options: OpeningOptions, meter: &Meter) -> Result<Found,
     if let Some(volume) = finished(&place, &*source, &pack_options) {
         return Ok(Found::Store(Box::new(volume)));
     }
-    let preview = Preview::read(source.clone(), options.kind, options.preview_bytes, meter)?;
+    let preview = Preview::read(source.clone(), kind, options.preview_bytes, meter)?;
     Ok(Found::Files(Files { source, preview: Arc::new(preview), place, options: pack_options }))
 }
 

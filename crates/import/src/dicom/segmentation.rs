@@ -75,6 +75,11 @@ pub(super) fn is_segmentation(header: &Header) -> bool {
     header.text(tags::SOP_CLASS_UID).is_some_and(|class| known.contains(&class.as_str()))
 }
 
+/// Whether a segmentation's voxels are labels.
+pub(super) fn are_labels(header: &Header) -> Result<bool> {
+    Ok(matches!(form_of(header)?, Form::Binary | Form::LabelMap))
+}
+
 impl Segmentation {
     /// Opens a segmentation, or one segment of it by its number or name.
     pub(super) fn open(

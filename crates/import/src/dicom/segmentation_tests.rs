@@ -2,6 +2,7 @@
 
 use super::tests::{Written, voxels};
 use crate::error::ImportError;
+use crate::labels::labels_said;
 use crate::open::open;
 use crate::options::{Gaps, OpenOptions};
 use crate::source::Source;
@@ -139,6 +140,15 @@ fn bits_become_labels_where_their_frames_lie() {
         assert_eq!(voxels(&*source), expected(label, &all), "{name}");
     }
     refused(&binary(), &named("4"), &["`variable` '4'", "0 segments", "1 \"liver\""]);
+}
+
+#[test]
+fn segmentations_but_fractions_say_that_they_are_labels() {
+    let ramp: [u8; 15] = std::array::from_fn(|i| 10 * i as u8);
+    for (form, are_labels) in [("BINARY", true), ("LABELMAP", true), ("FRACTIONAL", false), ("OTHER", false)] {
+        let (_folder, path) = saved(&segmentation(form, &[(0.0, 1, ramp)]));
+        assert_eq!(labels_said(&[path], &OpenOptions::default()).is_some(), are_labels, "{form}");
+    }
 }
 
 #[test]

@@ -7,6 +7,7 @@ use std::ops::Range;
 pub(super) struct Fields {
     pub(super) dim: [i64; 8],
     pub(super) datatype: i16,
+    pub(super) intent_code: i32,
     pub(super) bitpix: i16,
     /// First the handedness factor (the sign of the third axis), then the voxel sizes along x, y, z, and the distance from one time step to
     /// the next, or along whatever else the fourth axis is.
@@ -85,6 +86,7 @@ impl Bytes<'_> {
         Fields {
             dim: std::array::from_fn(|i| if two { self.i64(16 + 8 * i) } else { self.i16(40 + 2 * i).into() }),
             datatype: self.i16(if two { 12 } else { 70 }),
+            intent_code: code(68, 504),
             bitpix: self.i16(if two { 14 } else { 72 }),
             pixdim: std::array::from_fn(|i| number(76, 104, i)),
             time_start: number(136, 216, 0),

@@ -67,6 +67,9 @@ pub(super) struct Header {
     path: PathBuf,
     /// Names in lower case without blanks, and values.
     fields: BTreeMap<String, String>,
+    /// Whether 3D Slicer lists segments, and their representation, in keys with values.
+    has_segments: bool,
+    representation: Option<String>,
     /// Names of data files in lines of their own.
     listed: Vec<String>,
     /// Bytes up to the first one behind the header; `None` if the file ends with it.
@@ -85,7 +88,14 @@ impl Header {
                 SAVE,
             ));
         }
-        let mut header = Self { path: path.to_owned(), fields: BTreeMap::new(), listed: Vec::new(), end: None };
+        let mut header = Self {
+            path: path.to_owned(),
+            fields: BTreeMap::new(),
+            has_segments: false,
+            representation: None,
+            listed: Vec::new(),
+            end: None,
+        };
         while let Some(line) = lines.next()? {
             if line.is_empty() {
                 header.end = Some(lines.bytes());
@@ -100,6 +110,21 @@ impl Header {
         Ok(header)
     }
 
+    /// Takes note of a key of 3D Slicer's segmentations.
+    fn add_key(&mut self, key: &str, value: &str) {
+        let number = key.strip_prefix("Segment").and_then(|rest| rest.split_once('_')).map(|(number, _)| number);
+        self.has_segments |= number.is_some_and(|n| !n.is_empty() && n.bytes().all(|byte| byte.is_ascii_digit()));
+        // The older name is the first.
+        if ["Segmentation_MasterRepresentation", "Segmentation_SourceRepresentation"].contains(&key) {
+            self.representation = Some(value.to_lowercase());
+        }
+    }
+
+    /// Whether the voxels are labels, by 3D Slicer's keys: fractions of segments and closed surfaces are none.
+    pub(super) fn are_labels(&self) -> bool {
+        self.has_segments && self.representation.as_deref().is_none_or(|of| of == "binary labelmap")
+    }
+
     /// Adds a line's field. Comments, and keys with values, say nothing of the array.
     fn add(&mut self, line: &str) -> Result<()> {
         if line.starts_with('#') {
@@ -111,7 +136,8 @@ impl Header {
             let problem = format!("its header has a line without a field, '{start}': expected 'field: value'");
             return Err(self.invalid(problem));
         };
-        if value.starts_with('=') {
+        if let Some(value) = value.strip_prefix('=') {
+            self.add_key(name.trim(), value.trim());
             return Ok(());
         }
         let name: String = name.to_lowercase().split_whitespace().collect();

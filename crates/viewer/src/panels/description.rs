@@ -78,7 +78,7 @@ impl Description {
             scratch_dir: base.files.scratch_dir.clone(),
             ..OpenOptions::default()
         };
-        let kind = if self.labels { Kind::Labels } else { Kind::Image };
+        let kind = self.labels.then_some(Kind::Labels);
         Ok(OpeningOptions { files, kind, store: None, preview_bytes: base.preview_bytes })
     }
 
@@ -231,7 +231,7 @@ mod tests {
             (options.files.shape, options.files.voxel_type),
             (Some(Extent::new(64, 64, 64)), Some(VoxelType::U8.into()))
         );
-        assert_eq!((options.kind, options.files.spacing), (Kind::Labels, Some(DVec3::ONE)));
+        assert_eq!((options.kind, options.files.spacing), (Some(Kind::Labels), Some(DVec3::ONE)));
         assert_eq!(options.files.axes, Some("tzyx".parse().unwrap()));
         let wrong = Description { axes: "tzzz".into(), ..Description::default() };
         assert!(wrong.options(&base).unwrap_err().contains("'z' stands twice"));
