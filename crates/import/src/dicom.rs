@@ -9,6 +9,7 @@ mod attributes;
 mod choice;
 mod decode;
 mod decode_bits;
+mod fragments;
 mod frames;
 #[cfg(test)]
 mod gap_tests;

@@ -3,6 +3,7 @@
 //! Frames are read and decoded one by one, in the memory of one, however many the file holds.
 
 use super::decode;
+use super::fragments::{Ranges, fragment_places, read_ranges};
 use super::header::{EXPLICIT_BIG_ENDIAN, Header};
 use super::mosaic::Mosaic;
 use super::pixels::{PixelFormat, Samples};
@@ -11,8 +12,6 @@ use crate::error::{ImportError, Result};
 use brickyard_volume::{VoxelBox, counted};
 use dicom_core::VR;
 use dicom_dictionary_std::{tags, uids};
-use std::fs::File;
-use std::io::{Read, Seek, SeekFrom};
 use std::path::Path;
 
 /// Supported transfer syntaxes, for the message about another one.
@@ -42,8 +41,16 @@ enum Codec {
     Jpeg2000,
 }
 
-/// First bytes and lengths, in bytes.
-type Ranges = Vec<(u64, u64)>;
+impl Codec {
+    /// First bytes of a frame, where they tell it: of JPEG, JPEG 2000's codestream and its file.
+    fn starts(self) -> &'static [&'static [u8]] {
+        match self {
+            Self::Rle => &[],
+            Self::Jpeg => &[b"\xff\xd8\xff"],
+            Self::Jpeg2000 => &[b"\xff\x4f\xff\x51", b"\0\0\0\x0cjP  "],
+        }
+    }
+}
 
 /// Frames of one DICOM file: their storage and places. The slices of a mosaic are frames of one picture.
 #[derive(Debug)]
@@ -76,7 +83,7 @@ impl Frames {
         // Before a place is stored for each.
         super::check_frames(header, count)?;
         let places = match (packing, pixels.length) {
-            (Packing::Encapsulated(_), None) => fragment_places(path, count, pixels.offset)?,
+            (Packing::Encapsulated(codec), None) => fragment_places(path, count, pixels.offset, codec.starts())?,
             (_, None) => {
                 let problem = format!("is {}, but its pixels are encapsulated; write it again", header.syntax_name());
                 return Err(ImportError::invalid(path, problem));
@@ -229,75 +236,4 @@ fn native_places(
         return Err(ImportError::invalid(path, problem));
     }
     Ok((0..count).map(|i| vec![(offset + i * frame, frame)]).collect())
-}
-
-/// Places of the fragments of each frame in encapsulated pixel data: items, the first of which is a table of offsets.
-fn fragment_places(path: &Path, count: u64, start: u64) -> Result<Vec<Ranges>> {
-    let mut file = File::open(path).map_err(ImportError::io(path))?;
-    let end = file.metadata().map_err(ImportError::io(path))?.len();
-    let mut items = Vec::new();
-    let mut position = start;
-    loop {
-        let mut head = [0; 8];
-        let cut = |needed: u64| {
-            let problem =
-                format!("cut short: its pixel data go on past byte {needed}, found {end}; fetch the file again");
-            ImportError::invalid(path, problem)
-        };
-        if position + 8 > end {
-            return Err(cut(position + 8));
-        }
-        file.seek(SeekFrom::Start(position)).and_then(|_| file.read_exact(&mut head)).map_err(ImportError::io(path))?;
-        let length = u32::from_le_bytes([head[4], head[5], head[6], head[7]]) as u64;
-        match head[..4] {
-            [0xfe, 0xff, 0x00, 0xe0] if position + 8 + length > end => return Err(cut(position + 8 + length)),
-            [0xfe, 0xff, 0x00, 0xe0] => items.push((position + 8, length)),
-            [0xfe, 0xff, 0xdd, 0xe0] => break,
-            _ => {
-                let problem =
-                    format!("its pixel data are damaged: no item begins at byte {position}; fetch the file again");
-                return Err(ImportError::invalid(path, problem));
-            }
-        }
-        position += 8 + length;
-    }
-    let Some((table, fragments)) = items.split_first() else {
-        return Err(ImportError::invalid(path, "its pixel data hold no item; fetch the file again"));
-    };
-    if count == 1 && !fragments.is_empty() {
-        return Ok(vec![fragments.to_vec()]);
-    }
-    if fragments.len() as u64 == count {
-        return Ok(fragments.iter().map(|f| vec![*f]).collect());
-    }
-    let offsets = read_ranges(path, std::slice::from_ref(table))?;
-    let (offsets, _) = offsets.as_chunks::<4>();
-    if offsets.len() as u64 != count {
-        let (frames, offsets) = (counted(count, "frame"), counted(offsets.len() as u64, "offset"));
-        let fragments = counted(fragments.len() as u64, "fragment");
-        let problem = format!(
-            "has {frames} in {fragments}, and a table of {offsets}: fragments cannot be assigned to frames; write it again"
-        );
-        return Err(ImportError::invalid(path, problem));
-    }
-    // Offsets count from the first fragment's item.
-    let base = table.0 + table.1;
-    let starts: Vec<u64> = offsets.iter().map(|o| base + u32::from_le_bytes(*o) as u64 + 8).collect();
-    let of_frame = |i: usize| {
-        let next = starts.get(i + 1).copied().unwrap_or(u64::MAX);
-        fragments.iter().copied().filter(|f| (starts[i]..next).contains(&f.0)).collect()
-    };
-    Ok((0..starts.len()).map(of_frame).collect())
-}
-
-fn read_ranges(path: &Path, ranges: &[(u64, u64)]) -> Result<Vec<u8>> {
-    let mut file = File::open(path).map_err(ImportError::io(path))?;
-    let mut bytes = vec![0; ranges.iter().map(|r| r.1 as usize).sum()];
-    let mut rest = &mut bytes[..];
-    for &(first, length) in ranges {
-        let (part, tail) = rest.split_at_mut(length as usize);
-        file.seek(SeekFrom::Start(first)).and_then(|_| file.read_exact(part)).map_err(ImportError::io(path))?;
-        rest = tail;
-    }
-    Ok(bytes)
 }

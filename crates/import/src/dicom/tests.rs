@@ -887,6 +887,24 @@ fn lossless_jpeg_is_decoded_exactly_and_damage_refused() {
     assert!(packed(vec![b"no picture".to_vec()]).is_err());
 }
 
+#[test]
+fn frames_in_several_fragments_without_a_table_are_decoded() {
+    let frames = [[0, 4095, 17, 18, 2048, 2047, 2046, 300, 301, 299, 4000, 0], [5; 12]];
+    let [upper, lower] = frames.map(|pixels: [u16; 12]| lossless_jpeg(&pixels, 4));
+    let opened = |fragments: Vec<Vec<u8>>| {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a");
+        enhanced().fragments(fragments).save(&path, uids::JPEG_LOSSLESS_SV1);
+        open(&[path], &OpenOptions::default()).map(|source| voxels(&*source)).map_err(|error| error.to_string())
+    };
+    let [low, high] =
+        [(frames[1], 5), (frames[0], -5)].map(|(pixels, shift)| pixels.map(|p| f64::from(2 * i32::from(p) + shift)));
+    let parts = vec![upper[..60].to_vec(), upper[60..80].to_vec(), upper[80..].to_vec(), lower.clone()];
+    assert_eq!(opened(parts).unwrap(), [low, high].concat());
+    let joined = vec![[&upper[..], &lower[..40]].concat(), lower[40..60].to_vec(), lower[60..].to_vec()];
+    assert!(opened(joined).unwrap_err().contains("fragments cannot be assigned to frames"));
+}
+
 /// An enhanced file: two frames in one, the upper one first, with all else shared.
 pub(super) fn enhanced() -> Written {
     let item = |put: &[(Tag, VR, &str)]| {
