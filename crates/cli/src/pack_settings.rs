@@ -12,6 +12,7 @@ use brickyard::import::{self, Note, OpenOptions, Source, SourceInfo};
 use brickyard::store::{
     self, AppendOptions, Codec, Downsample, Exists, Kind, PackError, PackOptions, PackPlan, Reductions, Store,
 };
+use brickyard::volume::numbers::exact;
 use brickyard::volume::{MAX_APRON, VoxelType, counted};
 use clap::Args;
 use std::num::NonZeroUsize;
@@ -225,6 +226,7 @@ impl PackSettings {
             values::human_bytes(report.written_bytes),
         );
         if let Some(nodata) = info.nodata.filter(|_| report.nodata > 0) {
+            let nodata = exact(nodata, info.voxel_type.is_float());
             say!("note: {} of {nodata}, no data: not drawn and not counted", counted(report.nodata, "voxel"));
         }
         note_non_finite(report.non_finite);

@@ -7,6 +7,7 @@ pub(crate) mod place;
 use crate::element::{Decode, Element, Endian, Scale};
 use crate::note::Note;
 use brickyard_volume::VoxelType;
+use brickyard_volume::numbers::exact;
 
 /// The fill value of NetCDF's floats, which says that nothing was written.
 const NC_FILL_FLOAT: f64 = 9.969_209_968_386_869e36;
@@ -92,6 +93,7 @@ pub(crate) fn values_of(
         .or_else(|| Some((*missing.first()?, "missing_value")))
         .or_else(|| Some((default_fill(element)?, "the fill value of NetCDF")));
     for other in missing.iter().filter(|other| nodata.is_some_and(|(value, _)| value != **other && !other.is_nan())) {
+        let other = exact(*other, false);
         notes.push(Note::warning(format!(
             "Voxels of {other} hold no data either (missing_value): they are kept as data."
         )));

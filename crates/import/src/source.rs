@@ -4,6 +4,7 @@ use crate::axes::Sizes;
 use crate::error::ImportError;
 use crate::note::Note;
 use crate::step_time::StepTime;
+use brickyard_volume::numbers::exact;
 use brickyard_volume::units::{axis_unit, free_unit};
 use brickyard_volume::{ChannelLook, Extent, Geometry, Orientation, PlacementError, TimeAxis, VoxelBox, VoxelType};
 use glam::DVec3;
@@ -137,14 +138,13 @@ impl SourceInfo {
         if voxel_type.holds(narrowed) {
             self.nodata = Some(narrowed);
             let what = if is_float { "they become NaN" } else { "they are left out" };
-            self.notes.push(Note::new(note(&narrowed.to_string(), what)));
+            self.notes.push(Note::new(note(&exact(narrowed, is_float), what)));
         } else if value.is_finite() {
             let what = match is_float {
                 true => "f32 cannot hold it, and infinite values hold no data anyway",
                 false => &format!("no {voxel_type} voxel can have this value"),
             };
-            let value = if value.abs() < 1e15 { value.to_string() } else { format!("{value:e}") };
-            self.notes.push(Note::warning(note(&value, what)));
+            self.notes.push(Note::warning(note(&exact(value, false), what)));
         }
     }
 
@@ -268,5 +268,19 @@ mod tests {
         // The least f32 in fewer digits, and a number below it.
         assert_eq!(nodata_of(VoxelType::F32, -3.4028235e38), Some(f64::from(f32::MIN)));
         assert_eq!(nodata_of(VoxelType::F32, -3.5e38), None);
+    }
+
+    #[test]
+    fn the_note_on_no_data_is_short() {
+        let note_of = |voxel_type, value| {
+            let sizes = Sizes { extent: Extent::new(2, 2, 2), channels: 1, times: 1 };
+            let mut info = SourceInfo::plain(sizes, voxel_type);
+            info.set_nodata(value, "_FillValue");
+            info.notes[0].to_string()
+        };
+        assert!(note_of(VoxelType::F32, f64::from(9.96921e36f32)).starts_with("Voxels of 9.96921e36 hold"));
+        assert!(note_of(VoxelType::F32, -9999.9).starts_with("Voxels of -9999.9 hold"));
+        assert!(note_of(VoxelType::I32, -2147483647.0).starts_with("Voxels of -2147483647 hold"));
+        assert!(note_of(VoxelType::U8, 9.969209968386869e36).starts_with("Voxels of 9.969209968386869e36 hold"));
     }
 }

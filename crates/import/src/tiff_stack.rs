@@ -111,12 +111,12 @@ impl TiffStack {
             ..SourceInfo::plain(sizes, decode.voxel_type())
         };
         description.place(&mut info);
-        info.notes.extend(note);
         // A composite has a look for each channel.
         let are_told = !info.channel_looks.is_empty() && info.channel_looks.iter().all(|look| look.window.is_some());
         if format.is_rgb && !are_told {
             info.channel_looks = photograph(&info, format.samples);
         }
+        description.place_values(&mut info, note);
         if format.samples > 1 {
             let note = format!("Each page holds {} samples a pixel; they are read as channels.", format.samples);
             info.notes.push(Note::new(note));

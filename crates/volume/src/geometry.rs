@@ -1,7 +1,7 @@
 //! Place of a volume in the world: spacing, origin, units, and the transforms between voxel and world space.
 
 use crate::space::Extent;
-use crate::units::LengthUnit;
+use crate::units::{LengthUnit, degree_of_text};
 use glam::{BVec3, DVec3};
 use serde::{Deserialize, Serialize};
 
@@ -28,7 +28,7 @@ impl Default for Geometry {
 
 impl Geometry {
     /// Takes the units of x, y and z, by name or symbol, in which spacing and origin are so far. Lengths are converted to the first one's unit;
-    /// other units are kept as they are.
+    /// other units are kept as they are, degrees by one name.
     pub fn take_units(&mut self, units: [&str; 3]) {
         let lengths = units.map(LengthUnit::of_text);
         let common = lengths.into_iter().flatten().next();
@@ -42,7 +42,10 @@ impl Geometry {
             Some(common) if lengths.iter().all(Option::is_some) => (Some(common.name.to_owned()), None),
             None if units.iter().all(|unit| unit.trim().is_empty()) => (None, None),
             _ => {
-                let name = |axis: usize| lengths[axis].and(common).map_or(units[axis].trim(), |common| common.name);
+                let name = |axis: usize| match lengths[axis].and(common) {
+                    Some(common) => common.name,
+                    None => degree_of_text(units[axis]).unwrap_or(units[axis].trim()),
+                };
                 (None, Some([0, 1, 2].map(|axis| name(axis).to_owned())))
             }
         };
@@ -149,6 +152,8 @@ mod tests {
         assert_eq!((map.spacing, map.origin), (DVec3::splat(0.3), DVec3::splat(-2.0)));
         assert_eq!((map.unit.as_deref(), map.axis_unit(1), map.axis_unit(2)), (None, Some("degree"), Some("hPa")));
         assert!(map.has_unlike_axes() && map.units_in_words().as_deref() == Some("degree, degree, hPa"));
+        let map = taken(["degrees", "deg", "degrees_north"]);
+        assert!(!map.has_unlike_axes() && map.axis_unit(2) == Some("degree"));
         let mixed = taken(["degree", "mm", "m"]);
         assert_eq!((mixed.spacing, mixed.axis_unit(2)), (DVec3::new(0.3, 0.3, 300.0), Some("millimeter")));
         let one = taken(["degree"; 3]);

@@ -103,6 +103,18 @@ impl LengthUnit {
     }
 }
 
+/// The one name, `degree`, of a unit that UDUNITS or CF calls degrees of an angle, also towards a point of the compass; `None` for others, such
+/// as degrees of temperature.
+pub fn degree_of_text(text: &str) -> Option<&'static str> {
+    let text = text.trim();
+    let of_angle = ["arc_degree", "angular_degree", "degree"].into_iter().find_map(|name| text.strip_prefix(name));
+    let direction =
+        of_angle.map(|rest| rest.strip_prefix('s').unwrap_or(rest)).map(|rest| rest.trim_start_matches('_'));
+    let is_direction =
+        |rest: &str| ["", "north", "south", "east", "west", "true", "N", "S", "E", "W", "T"].contains(&rest);
+    (["deg", "\u{b0}"].contains(&text) || direction.is_some_and(is_direction)).then_some("degree")
+}
+
 /// The number times a power of ten. Division by a whole power, which is exact, rounds once.
 fn shifted(number: f64, exponent: i32) -> f64 {
     let power = 10f64.powi(exponent.abs());
@@ -184,6 +196,12 @@ mod tests {
             assert_eq!(LengthUnit::of_text(other), None, "{other}");
         }
         assert_eq!((unit_symbol("micrometer"), unit_symbol("degree")), ("\u{b5}m", "degree"));
+        for one in ["deg", "degree", " degrees", "degrees_north", "degree_E", "degreesN", "\u{b0}", "arc_degree"] {
+            assert_eq!(degree_of_text(one), Some("degree"), "{one}");
+        }
+        for other in ["degC", "degree_C", "degrees_Celsius", "degreeF", "degree2", "degs", "decree", ""] {
+            assert_eq!(degree_of_text(other), None, "{other}");
+        }
     }
 
     #[test]

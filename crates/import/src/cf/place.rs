@@ -4,7 +4,7 @@ use super::axes::{Dim, Scale};
 use crate::axes::Axis;
 use crate::note::Note;
 use crate::source::SourceInfo;
-use brickyard_volume::units::LengthUnit;
+use brickyard_volume::units::{LengthUnit, degree_of_text};
 use brickyard_volume::{TimeAxis, time_unit};
 
 /// Largest difference of even coordinates from their line, as a part of the spacing.
@@ -65,11 +65,6 @@ fn line(scale: &Scale, coordinates: &[f64], axis: Axis, notes: &mut Vec<Note>) -
     Some(Line { name: scale.name.clone(), first, last, step, units })
 }
 
-/// Whether units are degrees of any direction.
-fn is_angle(unit: &str) -> bool {
-    unit == "deg" || unit.starts_with("degree")
-}
-
 /// Calibrates the volume if every axis of more than one voxel has even coordinates, each axis in its own unit. Returns the
 /// axes whose coordinates descend.
 fn of_lines(info: &mut SourceInfo, lines: &[Option<Line>; 3], notes: &mut Vec<Note>) -> [bool; 3] {
@@ -80,8 +75,7 @@ fn of_lines(info: &mut SourceInfo, lines: &[Option<Line>; 3], notes: &mut Vec<No
         return descend;
     }
     let units = lines.each_ref().map(|line| match line.as_ref().and_then(|line| line.units.as_deref()) {
-        Some(unit) if is_angle(unit) => "degree",
-        Some(unit) => unit,
+        Some(unit) => degree_of_text(unit).unwrap_or(unit),
         None => "",
     });
     let Some(first) = (0..3).find(|a| extent[*a] > 1) else { return descend };

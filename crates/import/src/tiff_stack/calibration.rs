@@ -63,6 +63,16 @@ impl Calibration {
         ((c0, c1) != (0.0, 1.0)).then_some(Self::Line { c0, c1 })
     }
 
+    /// The unit of values calibrated by a straight line; `None` for ImageJ's word for none.
+    pub(super) fn unit<'a>(value: impl Fn(&str) -> Option<&'a str>) -> Option<&'a str> {
+        // Without coefficients ImageJ calibrates nothing, and ignores the unit.
+        let is_line = ["c0", "c1"].iter().all(|key| value(key).is_some_and(|number| number.parse::<f64>().is_ok()));
+        let is_curve = matches!(Self::parse(&value), Some(Self::Curve(_)));
+        let is_known = value("cf").is_none_or(|function| function.parse() == Ok(0.0));
+        let unit = value("vunit").map(str::trim).filter(|unit| !unit.eq_ignore_ascii_case("gray value"));
+        unit.filter(|unit| is_line && is_known && !is_curve && !unit.is_empty())
+    }
+
     /// Returns the scale of stored numbers to values (`None` if they are equal), and a note for the user, if any.
     pub(super) fn scale(&self, element: Element, samples: u16) -> (Option<Scale>, Option<Note>) {
         let kept = |why: &str| {
@@ -103,6 +113,15 @@ mod tests {
     fn lines_are_applied_and_curves_named() {
         assert_eq!(parse("cf=0 c0=-32768.0 c1=1.0"), Some(Calibration::Line { c0: -32768.0, c1: 1.0 }));
         assert_eq!(parse("c0=5 c1=0.5 vunit=mm"), Some(Calibration::Line { c0: 5.0, c1: 0.5 }));
+        let unit = |text: &'static str| {
+            Calibration::unit(|key| text.split(' ').find_map(|line| line.strip_prefix(key)?.strip_prefix('=')))
+        };
+        assert_eq!([unit("cf=0 c0=5 c1=0.5 vunit=HU"), unit("c0=0 c1=1 vunit=K")], [Some("HU"), Some("K")]);
+        for none in ["vunit=HU", "c0=5 vunit=HU", "cf=7 c0=1 c1=2 vunit=HU", "c0=1 c1=2 vunit=", "c0=1 c1=2 vunit=gray"]
+        {
+            assert_eq!(unit(none).filter(|unit| *unit != "gray"), None, "{none}");
+        }
+        assert_eq!(Calibration::unit(|key| Some(if key == "vunit" { "Gray Value" } else { "1" })), None);
         for none in ["", "cf=0", "c0=5", "cf=20 c0=1 c1=2", "cf=22 c0=1 c1=2", "c0=0 c1=1", "cf=7"] {
             assert_eq!(parse(none), None, "{none}");
         }

@@ -36,6 +36,8 @@ pub(super) struct Description {
     pub(super) step_time: StepTime,
     /// Conversion of stored numbers to values; `None` if they are equal.
     pub(super) calibration: Option<Calibration>,
+    /// Unit of the values, if they are calibrated.
+    pub(super) value_unit: Option<String>,
     /// Stored number of pixels without data, from GDAL's tag.
     pub(super) nodata: Option<f64>,
     /// Whether NaN alone means no data.
@@ -191,6 +193,15 @@ impl Description {
     /// Returns the scale of stored numbers to values (`None` if they are equal), and a note for the user, if any.
     pub(super) fn scale(&self, element: Element, samples: u16) -> (Option<Scale>, Option<Note>) {
         self.calibration.as_ref().map_or((None, None), |c| c.scale(element, samples))
+    }
+
+    /// Adds the unit of values to `info`, unless they are kept as stored, with this warning.
+    pub(super) fn place_values(&self, info: &mut SourceInfo, note: Option<Note>) {
+        let is_kept = note.as_ref().is_some_and(Note::is_warning);
+        info.notes.extend(note);
+        if let Some(unit) = self.value_unit.as_deref().filter(|_| !is_kept) {
+            info.set_value_unit(unit, "ImageJ's vunit");
+        }
     }
 
     /// The file's no-data value, after scaling stored numbers by `scale`.

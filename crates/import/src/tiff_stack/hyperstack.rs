@@ -34,6 +34,7 @@ pub(super) fn read(text: &str, resolution: Option<[f64; 2]>, samples: u16) -> De
         }),
         ignores_resolution: true,
         calibration: Calibration::parse(value),
+        value_unit: Calibration::unit(value).map(str::to_owned),
         channel_looks: display_range(value).into_iter().collect(),
         ..Description::default()
     };

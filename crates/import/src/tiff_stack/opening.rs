@@ -216,7 +216,7 @@ fn open_contiguous(
     }
     let mut info = SourceInfo { identity: identity("tiff contiguous", &[path])?, ..array.info() };
     description.place(&mut info);
-    info.notes.extend(note);
+    description.place_values(&mut info, note);
     let source = RawSource::new(file, array, info)?.with_losses(description.nodata_value(scale), options)?;
     Ok(Box::new(source.described(|info| description.mark(info, scale, options.nodata))))
 }

@@ -582,8 +582,8 @@ fn imagej_values_are_calibrated() {
     for directories in [None, Some(1)] {
         for (lines, scale, voxel_type) in [
             ("cf=0\nc0=-32768.0\nc1=1.0\nvunit=Gray Value\n", (1.0, -32768.0), VoxelType::I16),
-            ("c0=10\nc1=0.5\n", (0.5, 10.0), VoxelType::F32),
-            ("cf=7\nc0=10\nc1=0.5\n", (1.0, 0.0), VoxelType::U16),
+            ("c0=10\nc1=0.5\nvunit=HU\n", (0.5, 10.0), VoxelType::F32),
+            ("cf=7\nc0=10\nc1=0.5\nvunit=HU\n", (1.0, 0.0), VoxelType::U16),
             ("cf=20\nc0=10\nc1=0.5\n", (1.0, 0.0), VoxelType::U16),
         ] {
             let description = format!("{}{lines}", plain.description);
@@ -594,6 +594,8 @@ fn imagej_values_are_calibrated() {
             assert_eq!((source.info().voxel_type, values(&*source)), (voxel_type, expected), "{lines}");
             let notes = said(&source.info().notes);
             assert_eq!(notes.contains("scaled by"), scale != (1.0, 0.0), "{notes}");
+            let unit = source.info().channel_looks.iter().find_map(|look| look.unit.as_deref());
+            assert_eq!(unit, (scale.0 == 0.5).then_some("HU"), "{lines}");
             assert_eq!(notes.contains("Rodbard (cf=7), is not applied"), lines.starts_with("cf=7"), "{notes}");
         }
     }
