@@ -9,6 +9,7 @@ mod attributes;
 mod choice;
 mod decode;
 mod decode_bits;
+mod elements;
 mod fragments;
 mod frames;
 #[cfg(test)]
@@ -32,6 +33,7 @@ mod unknown_tests;
 mod volumes;
 #[cfg(test)]
 mod volumes_tests;
+mod wanted;
 
 use crate::axes::Sizes;
 use crate::dicom_files::files_in;
