@@ -13,13 +13,16 @@ use crate::options::OpenOptions;
 use crate::source::{Access, Source, SourceInfo, Take};
 use crate::stamp::Stamp;
 use crate::step_time::StepTime;
-use brickyard_volume::{ChannelLook, VoxelBox, counted};
+use brickyard_volume::{ChannelLook, Geometry, VoxelBox, counted};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// Most steps open at a time: one read by a pack, and one shown meanwhile.
 pub(crate) const OPEN_STEPS: usize = 2;
+
+/// Largest distance between two places of a voxel that count as one, in voxels.
+const SAME_PLACE_VOXELS: f64 = 1e-3;
 
 /// Description of the file of one time step, kept while it is closed.
 pub(crate) struct StepFile {
@@ -246,6 +249,18 @@ fn check_alike(step: &SourceInfo, path: &Path, first: &SourceInfo, paths: &[Path
         let [own, other] = [step, first].map(|info| info.nodata.map_or("no value".into(), |value| value.to_string()));
         let problem = format!(
             "marks voxels without data with {own}, but {first_path} with {other}; give one value for all with `nodata`"
+        );
+        return Err(ImportError::options(path, problem));
+    }
+    let (own, other) = (&step.geometry, &first.geometry);
+    let says_place = step.calibrated || step.says_origin || own.origin != Geometry::default().origin;
+    let shift = ((own.origin - other.origin) / other.spacing).abs().max_element();
+    // Volumes in a patient are compared by all of their places, below.
+    if says_place && step.orientation.is_none() && shift > SAME_PLACE_VOXELS {
+        let problem = format!(
+            "its first voxel lies at {}, but that of {first_path} at {}: all steps have one place; give it with `origin`, or \
+             pack each by itself",
+            own.origin, other.origin
         );
         return Err(ImportError::options(path, problem));
     }

@@ -295,3 +295,19 @@ fn steps_that_mean_something_else_are_refused() {
         assert_eq!(open(&files(first, second), &none).unwrap_or_else(|error| panic!("{error}")).info().times, 2);
     }
 }
+
+/// A window that moves with a simulation is no one place.
+#[test]
+fn steps_of_other_places_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let paths: Vec<PathBuf> = (0..2).map(|i| folder.path().join(format!("s{i}.vtk"))).collect();
+    for (i, path) in paths.iter().enumerate() {
+        let grid = format!("DATASET STRUCTURED_POINTS\nDIMENSIONS 2 1 1\nORIGIN {i} 0 0\nSPACING 1 1 1\n");
+        let values = "POINT_DATA 2\nSCALARS a float\nLOOKUP_TABLE default\n0 1\n";
+        std::fs::write(path, format!("# vtk DataFile Version 3.0\n\nASCII\n{grid}{values}")).unwrap();
+    }
+    let message = open(&paths, &OpenOptions::default()).err().unwrap().to_string();
+    assert!(message.contains("s1.vtk: its first voxel lies at [1, 0, 0], but that of") && message.contains("`origin`"));
+    let told = OpenOptions { origin: Some(glam::DVec3::ZERO), ..OpenOptions::default() };
+    assert_eq!(open(&paths, &told).unwrap().info().times, 2);
+}
