@@ -4,8 +4,11 @@
 pub(crate) mod axes;
 pub(crate) mod place;
 
+use crate::direct::direct;
 use crate::element::{Decode, Element, Endian, Scale};
 use crate::note::Note;
+use crate::options::{NoData, OpenOptions};
+use crate::source::SourceInfo;
 use brickyard_volume::VoxelType;
 use brickyard_volume::numbers::exact;
 
@@ -17,6 +20,9 @@ const HELPERS: [&str; 5] = ["bounds", "climatology", "coordinates", "ancillary_v
 
 /// Attributes of a variable.
 pub(crate) trait Attributes {
+    /// Whether there is an attribute of this name, of whatever type.
+    fn has(&self, name: &str) -> bool;
+
     /// A text, without blanks around it; `None` if it is empty.
     fn text(&self, name: &str) -> Option<String>;
 
@@ -25,7 +31,19 @@ pub(crate) trait Attributes {
 
     /// A single number.
     fn number(&self, name: &str) -> Option<f64> {
-        self.numbers(name).filter(|numbers| numbers.len() == 1).map(|numbers| numbers[0])
+        match &self.numbers(name)?[..] {
+            [number] => Some(*number),
+            _ => None,
+        }
+    }
+
+    /// A single number, also one in words; the error if the attribute is something else. Writers of texts leave numbers in quotes.
+    fn number_in_words(&self, name: &str) -> Result<Option<f64>, String> {
+        let number = self.number(name).or_else(|| self.text(name)?.parse().ok());
+        match number {
+            None if self.has(name) => Err(format!("{name} is no single number")),
+            number => Ok(number),
+        }
     }
 }
 
@@ -44,6 +62,8 @@ pub(crate) fn default_fill(element: Element) -> Option<f64> {
         Element::Voxel(VoxelType::U32) => 4294967295.0,
         Element::Voxel(VoxelType::F32) => f64::from(NC_FILL_FLOAT as f32),
         Element::F64 => NC_FILL_FLOAT,
+        Element::I64 => -9223372036854775806.0,
+        Element::U64 => 18446744073709551614.0,
         _ => return None,
     })
 }
@@ -51,11 +71,49 @@ pub(crate) fn default_fill(element: Element) -> Option<f64> {
 /// How stored numbers become values.
 pub(crate) struct Values {
     pub(crate) decode: Decode,
-    /// Value of voxels without data, and its name in the file.
-    pub(crate) nodata: Option<(f64, &'static str)>,
+    /// Voxels without data.
+    absent: Option<Absent>,
     /// Unit of the values.
-    pub(crate) unit: Option<String>,
-    pub(crate) notes: Vec<Note>,
+    unit: Option<String>,
+    notes: Vec<Note>,
+}
+
+/// Voxels without data.
+struct Absent {
+    /// Their number in the file.
+    stored: f64,
+    /// Their value.
+    value: f64,
+    /// Name of the number in the file.
+    name: &'static str,
+}
+
+impl Values {
+    /// Decodes 64-bit numbers to the voxel type asked for. In an integer type, no data keeps its value.
+    pub(crate) fn direct(mut self, options: &OpenOptions) -> Self {
+        self.decode = direct(self.decode, self.absent.as_ref().map(|absent| absent.value), options);
+        self
+    }
+
+    /// Adds unit, remarks and the value of no data to a description.
+    pub(crate) fn describe(&self, info: &mut SourceInfo) {
+        info.notes.extend(self.notes.iter().cloned());
+        if let Some(unit) = &self.unit {
+            info.set_value_unit(unit, "units");
+        }
+        match &self.absent {
+            // Their value is NaN already. Files of one variable are packed by scales of their own, so its value would differ in each.
+            Some(Absent { stored, name, .. }) if self.decode.scale.is_some_and(|scale| scale.absent.is_some()) => {
+                info.knows_nodata = true;
+                info.notes.push(Note::new(format!(
+                    "Voxels stored as {} hold no data, according to the file ({name}): they become NaN.",
+                    exact(*stored, false)
+                )));
+            }
+            Some(Absent { value, name, .. }) => info.set_nodata(*value, name),
+            None => {}
+        }
+    }
 }
 
 /// The values of a variable of such numbers. `default_fill` is the fill value of one that tells none.
@@ -63,36 +121,52 @@ pub(crate) fn values_of(
     attributes: &(impl Attributes + ?Sized),
     stored: Element,
     endian: Endian,
+    nodata: NoData,
     default_fill: impl FnOnce(Element) -> Option<f64>,
 ) -> Values {
     let mut notes = Vec::new();
-    let is_unsigned = attributes.text("_Unsigned").is_some_and(|said| said.eq_ignore_ascii_case("true"));
-    let element = if is_unsigned { unsigned(stored) } else { stored };
-    let slope = attributes.number("scale_factor").unwrap_or(1.0);
-    let intercept = attributes.number("add_offset").unwrap_or(0.0);
-    let is_scaled = slope.is_finite() && slope != 0.0 && intercept.is_finite();
-    let scale = match is_scaled {
-        true => Scale::exact(element, slope, intercept),
-        false => {
-            notes.push(Note::warning(format!(
-                "scale_factor {slope} and add_offset {intercept} make no values: the stored numbers are kept."
-            )));
+    let sign = attributes.text("_Unsigned").map(|said| said.to_ascii_lowercase());
+    let element = match sign.as_deref() {
+        Some("true") => unsigned(stored),
+        Some("false") => signed(stored),
+        _ => stored,
+    };
+    let mut scale = match scale_in(attributes) {
+        Ok((slope, intercept)) => Scale::exact(element, slope, intercept),
+        Err(problem) => {
+            notes.push(Note::warning(format!("{problem}: the stored numbers are kept, without a unit.")));
             None
         }
     };
-    let (slope, intercept) = scale.map_or((1.0, 0.0), |scale| (scale.slope, scale.intercept));
-    let value = |stored: f64| {
-        let [_, greatest] = element.limits();
-        // A negative fill value of numbers read as unsigned stands for their upper half.
-        let stored = if is_unsigned && stored < 0.0 { stored + greatest + 1.0 } else { stored };
-        stored * slope + intercept
+    // Stored numbers that should be values are in no unit. 1 is CF's word for none.
+    let unit = attributes.text("units").filter(|units| units != "1" && notes.is_empty());
+    let [least, greatest] = element.limits();
+    let numbers = |name: &str| match attributes.number_in_words(name) {
+        Ok(number) => number.into_iter().collect(),
+        Err(_) => attributes.numbers(name).unwrap_or_default(),
     };
-    let fill = attributes.number("_FillValue").map(|fill| (fill, "_FillValue"));
-    let missing = attributes.numbers("missing_value").unwrap_or_default();
-    let nodata = fill
+    // A fill value has the stored type: under another sign, and in f32, it stands for the same bits.
+    let sensed = |fill: f64| match element {
+        Element::Voxel(VoxelType::F32) => f64::from(fill as f32),
+        other if other == stored || !holds(stored, fill) || holds(element, fill) => fill,
+        _ if fill < least => fill + greatest + 1.0,
+        _ => fill - greatest + least - 1.0,
+    };
+    let fill = attributes.number_in_words("_FillValue").unwrap_or_else(|problem| {
+        notes.push(Note::warning(format!("{problem}: it is passed over.")));
+        None
+    });
+    let missing: Vec<f64> = numbers("missing_value");
+    if missing.is_empty() && attributes.has("missing_value") {
+        notes.push(Note::warning("missing_value is no number: it is passed over."));
+    }
+    // Unless they are packed, no voxel holds those of 64-bit integers.
+    let is_held = scale.is_some() || !matches!(stored, Element::I64 | Element::U64);
+    let absent = fill.map(|fill| (fill, "_FillValue"));
+    let absent = absent
         .or_else(|| Some((*missing.first()?, "missing_value")))
-        .or_else(|| Some((default_fill(element)?, "the fill value of NetCDF")));
-    for other in missing.iter().filter(|other| nodata.is_some_and(|(value, _)| value != **other && !other.is_nan())) {
+        .or_else(|| Some((default_fill(stored).filter(|_| is_held)?, "the fill value of NetCDF")));
+    for other in missing.iter().filter(|other| absent.is_some_and(|(value, _)| value != **other && !other.is_nan())) {
         let other = exact(*other, false);
         notes.push(Note::warning(format!(
             "Voxels of {other} hold no data either (missing_value): they are kept as data."
@@ -105,10 +179,49 @@ pub(crate) fn values_of(
             )));
         }
     }
-    // A scale that makes no values leaves stored numbers, which are in no unit. 1 is CF's word for none.
-    let unit = attributes.text("units").filter(|units| units != "1" && is_scaled);
-    let decode = Decode { element, endian, scale };
-    Values { decode, nodata: nodata.map(|(stored, name)| (value(stored), name)), unit, notes }
+    let absent = absent.map(|(fill, name)| {
+        let stored = sensed(fill);
+        Absent { stored, value: scale.map_or(stored, |scale| scale.value(stored)), name }
+    });
+    if let (Some(scale), Some(absent)) = (&mut scale, &absent)
+        && scale.to == VoxelType::F32
+        && absent.stored.is_finite()
+        && nodata == NoData::OfFile
+    {
+        scale.absent = Some(absent.stored);
+    }
+    let is_long = matches!(element, Element::Voxel(VoxelType::I32 | VoxelType::U32));
+    if let Some(Scale { slope, intercept, to, .. }) = scale.filter(|scale| is_long && scale.to == VoxelType::F32) {
+        notes.push(Note::warning(format!(
+            "Values are scaled by {slope} and shifted by {intercept}, as the file says, and held as {to}, rounded to 24 bits."
+        )));
+    }
+    Values { decode: Decode { element, endian, scale }, absent, unit, notes }
+}
+
+fn holds(element: Element, number: f64) -> bool {
+    let [least, greatest] = element.limits();
+    (least..=greatest).contains(&number)
+}
+
+/// Slope and intercept of packed numbers; the error says why they make no values.
+fn scale_in(attributes: &(impl Attributes + ?Sized)) -> Result<(f64, f64), String> {
+    let number = |name, default| Ok::<f64, String>(attributes.number_in_words(name)?.unwrap_or(default));
+    let (slope, intercept) = (number("scale_factor", 1.0)?, number("add_offset", 0.0)?);
+    match slope.is_finite() && slope != 0.0 && intercept.is_finite() {
+        true => Ok((slope, intercept)),
+        false => Err(format!("scale_factor {slope} and add_offset {intercept} make no values")),
+    }
+}
+
+fn signed(element: Element) -> Element {
+    match element {
+        Element::Voxel(VoxelType::U8) => Element::Voxel(VoxelType::I8),
+        Element::Voxel(VoxelType::U16) => Element::Voxel(VoxelType::I16),
+        Element::Voxel(VoxelType::U32) => Element::Voxel(VoxelType::I32),
+        Element::U64 => Element::I64,
+        other => other,
+    }
 }
 
 fn unsigned(element: Element) -> Element {

@@ -14,9 +14,9 @@ pub(crate) fn direct(decode: Decode, nodata: Option<f64>, options: &OpenOptions)
     if is_held_so || to.is_float() && own.is_float() {
         return decode;
     }
-    let scale = decode.scale.unwrap_or(Scale { slope: 1.0, intercept: 0.0, to, nodata: None });
+    let scale = decode.scale.unwrap_or(Scale::new(1.0, 0.0, to));
     let nodata = told_nodata(nodata.or(scale.nodata), options);
-    Decode { scale: Some(Scale { to, nodata, ..scale }), ..decode }
+    Decode { scale: Some(Scale { to, nodata, absent: None, ..scale }), ..decode }
 }
 
 /// Whether numbers are read as the voxels that their format describes.

@@ -159,9 +159,21 @@ pub(crate) struct Scale {
     pub(crate) to: VoxelType,
     /// Value for no data of 64-bit numbers in an integer type, which NaN and infinities become.
     pub(crate) nodata: Option<f64>,
+    /// Stored number that becomes NaN; for values of f32 only.
+    pub(crate) absent: Option<f64>,
 }
 
 impl Scale {
+    /// Creates a scale of all stored numbers.
+    pub(crate) fn new(slope: f64, intercept: f64, to: VoxelType) -> Self {
+        Self { slope, intercept, to, nodata: None, absent: None }
+    }
+
+    /// The value of a stored number.
+    pub(crate) fn value(&self, stored: f64) -> f64 {
+        if Some(stored) == self.absent { f64::NAN } else { stored * self.slope + self.intercept }
+    }
+
     /// Creates the scale for numbers of a type; `None` if it would change nothing. Integers stay integers if slope and
     /// intercept are integers and a type holds every value.
     pub(crate) fn exact(element: Element, slope: f64, intercept: f64) -> Option<Self> {
@@ -173,7 +185,7 @@ impl Scale {
         } else {
             VoxelType::F32
         };
-        ((slope, intercept) != (1.0, 0.0)).then_some(Self { slope, intercept, to, nodata: None })
+        ((slope, intercept) != (1.0, 0.0)).then_some(Self::new(slope, intercept, to))
     }
 
     /// Whether values are the stored numbers.
@@ -229,7 +241,7 @@ impl Decode {
                     (Endian::Little, None) => map_line(src, src_stride, dst, dst_stride, count, |b| plain(little(b))),
                     (Endian::Big, None) => map_line(src, src_stride, dst, dst_stride, count, |b| plain(big(b))),
                     (endian, Some(s)) => with_voxel_type!(s.to, Out => {
-                        let scaled = |n: $t| ($held(s, wide(n) * s.slope + s.intercept) as Out).to_le_bytes();
+                        let scaled = |n: $t| ($held(s, s.value(wide(n))) as Out).to_le_bytes();
                         match endian {
                             Endian::Little => {
                                 map_line(src, src_stride, dst, dst_stride, count, |b| scaled(little(b)))
@@ -347,7 +359,7 @@ mod tests {
 
     #[test]
     fn wide_numbers_go_straight_to_a_told_type() {
-        let to = |to, nodata| Some(Scale { slope: 1.0, intercept: 0.0, to, nodata });
+        let to = |to, nodata| Some(Scale { nodata, ..Scale::new(1.0, 0.0, to) });
         let bytes: Vec<u8> = [3_000_000_000i64, -7, i64::MAX].iter().flat_map(|v| v.to_be_bytes()).collect();
         let found = |voxel_type| decode(Element::I64, Endian::Big, to(voxel_type, None), &bytes);
         assert_eq!(found(VoxelType::U32), [3e9, 0.0, 4294967295.0]);
@@ -392,9 +404,14 @@ mod tests {
 
     #[test]
     fn scaled_values_become_floats() {
-        let scale = Some(Scale { slope: 0.5, intercept: -1024.0, to: VoxelType::F32, nodata: None });
+        let scale = Some(Scale::new(0.5, -1024.0, VoxelType::F32));
         assert_eq!(decode(Element::Voxel(VoxelType::U8), Endian::Little, scale, &[0, 255]), [-1024.0, -896.5]);
         assert_eq!(decode(Element::Voxel(VoxelType::I16), Endian::Big, scale, &[0xff, 0xfe]), [-1025.0]);
+        // A number next to that for no data is a value, also where f32 cannot tell the two apart.
+        let absent = Scale { absent: Some(2147483647.0), ..Scale::new(1e-4, 0.0, VoxelType::F32) };
+        let bytes: Vec<u8> = [i32::MAX, i32::MAX - 1].iter().flat_map(|n| n.to_le_bytes()).collect();
+        let found = decode(Element::Voxel(VoxelType::I32), Endian::Little, Some(absent), &bytes);
+        assert!(found[0].is_nan() && found[1] == f64::from(214_748.36_f32), "{found:?}");
     }
 
     #[test]

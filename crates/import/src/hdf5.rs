@@ -26,7 +26,6 @@ use crate::axes::{Axis, Sizes};
 use crate::cf::axes::{Dim, order_of};
 use crate::cf::place::place;
 use crate::cf::values_of;
-use crate::direct::direct;
 use crate::error::{ImportError, Result};
 use crate::files::first_bytes;
 use crate::mirrored::Mirrored;
@@ -124,12 +123,11 @@ fn open_entry(
     let dims = axes::dims_of(tree, entry);
     let (axes, sizes) = arrange(file, entry, stored, &dims, options)?;
     let default_fill = |element| cf::default_fill(tree, entry, element);
-    let values = values_of(&entry.attributes[..], stored.element, stored.endian, default_fill);
-    let decode = direct(values.decode, values.nodata.map(|(value, _)| value), options);
-    let mut info = SourceInfo::plain(sizes, decode.voxel_type());
+    let values = values_of(&entry.attributes[..], stored.element, stored.endian, options.nodata, default_fill);
+    let values = values.direct(options);
+    let mut info = SourceInfo::plain(sizes, values.decode.voxel_type());
     info.identity = identity(&format!("hdf5 {what} {axes:?}"), &[&file.path])?;
     info.notes = notes;
-    info.notes.extend(values.notes);
     cf::place(&mut info, tree, entry, &axes);
     let descend = place(&mut info, &dims, &axes);
     let has_members = !stored.members.is_empty();
@@ -137,13 +135,8 @@ fn open_entry(
         let look = |name: &String| ChannelLook { name: Some(name.clone()), ..ChannelLook::default() };
         info.channel_looks = stored.members.iter().map(look).collect();
     }
-    if let Some(unit) = &values.unit {
-        info.set_value_unit(unit, "units");
-    }
-    if let Some((value, name)) = values.nodata {
-        info.set_nodata(value, name);
-    }
-    let opening = Opening { file, info, axes, decode, has_members };
+    values.describe(&mut info);
+    let opening = Opening { file, info, axes, decode: values.decode, has_members };
     let source: Box<dyn Source> = match elements_of(file, &entry.set, stored, what, 0)? {
         Elements::Piece(start) => Box::new(opening.piece(start, what, options)?),
         Elements::Chunks(chunks) => Box::new(opening.chunks(vec![chunks], options)?),

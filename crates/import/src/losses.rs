@@ -98,7 +98,7 @@ impl<'a> Losses<'a> {
 
     /// Decoding for the numbers seen: signed labels become unsigned if only u32 holds them.
     pub(crate) fn decode(&self) -> Decode {
-        let unsigned = Scale { slope: 1.0, intercept: 0.0, to: VoxelType::U32, nodata: None };
+        let unsigned = Scale::new(1.0, 0.0, VoxelType::U32);
         Decode { scale: if self.has_great { Some(unsigned) } else { self.decode.scale }, ..self.decode }
     }
 
@@ -119,6 +119,8 @@ impl<'a> Losses<'a> {
     /// Counts contiguous stored numbers and the lost ones among them. If losses are not allowed, the first one is an error.
     pub(crate) fn see(&mut self, bytes: &[u8]) -> Result<()> {
         let (slope, intercept) = self.decode.scale.map_or((1.0, 0.0), |s| (s.slope, s.intercept));
+        let absent = self.decode.scale.and_then(|scale| scale.absent);
+        let is_absent = |number: f64| absent == Some(number);
         macro_rules! each {
             ($t:ty, $n:ident => $fate:expr, $value:expr) => {{
                 let (numbers, _) = bytes.as_chunks::<{ size_of::<$t>() }>();
@@ -127,6 +129,9 @@ impl<'a> Losses<'a> {
                         Endian::Little => <$t>::from_le_bytes(*bytes),
                         Endian::Big => <$t>::from_be_bytes(*bytes),
                     };
+                    if is_absent($value) {
+                        continue;
+                    }
                     let fate = $fate;
                     if fate != Fate::Kept {
                         self.lose(fate, &$n, $value * slope + intercept)?;
@@ -405,7 +410,7 @@ mod tests {
     #[test]
     fn labels_are_never_merged_whatever_is_allowed() {
         let labels = |allow_lossy| OpenOptions { allow_lossy, are_labels: true, ..OpenOptions::default() };
-        let scaled = |slope| Some(Scale { slope, intercept: 0.0, to: VoxelType::F32, nodata: None });
+        let scaled = |slope| Some(Scale::new(slope, 0.0, VoxelType::F32));
         let i32s = |values: &[i32]| -> Vec<u8> { values.iter().flat_map(|v| v.to_le_bytes()).collect() };
         let long = Element::Voxel(VoxelType::I32);
         for (element, scale, bytes, label) in [
@@ -446,7 +451,7 @@ mod tests {
 
     #[test]
     fn scaled_numbers_that_leave_f32_are_refused_or_counted() {
-        let scale = |slope| Some(Scale { slope, intercept: 0.0, to: VoxelType::F32, nodata: None });
+        let scale = |slope| Some(Scale::new(slope, 0.0, VoxelType::F32));
         let bytes: Vec<u8> = [1.0f32, 3e38, f32::INFINITY, -2e38].iter().flat_map(|v| v.to_le_bytes()).collect();
         let float = Element::Voxel(VoxelType::F32);
         assert!(census(float, scale(2.0), &bytes, false).unwrap_err().contains("infinite"));

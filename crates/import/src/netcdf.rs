@@ -13,7 +13,6 @@ use crate::axes::{Axis, AxisOrder, Sizes};
 use crate::cf::axes::{Dim, MOST_COORDINATES, Scale, order_of};
 use crate::cf::place::place;
 use crate::cf::{Attributes, default_fill, helpers_of, values_of};
-use crate::direct::direct;
 use crate::element::{Decode, Element, Endian};
 use crate::error::{ImportError, Result};
 use crate::mapped::MappedFile;
@@ -75,26 +74,17 @@ fn open_in(path: &Path, file: &MappedFile, options: &OpenOptions) -> Result<Box<
     }
     let attributes = header.attributes_of(variable);
     let stored = if minc.is_some() { minc::element_of(&attributes, element) } else { element };
-    let values =
-        values_of(&attributes, stored, Endian::Big, |element| default_fill(element).filter(|_| minc.is_none()));
-    let decode = match minc {
-        Some(_) => values.decode,
-        None => direct(values.decode, values.nodata.map(|(value, _)| value), options),
-    };
-    let opening = Opening { header: &header, variable, axes, sizes, decode, options };
+    let default_fill = |element| default_fill(element).filter(|_| minc.is_none());
+    let values = values_of(&attributes, stored, Endian::Big, options.nodata, default_fill);
+    let values = if minc.is_some() { values } else { values.direct(options) };
+    let opening = Opening { header: &header, variable, axes, sizes, decode: values.decode, options };
     if let Some(image) = minc {
         return minc::open(path, image, opening, notes);
     }
     let mut info = opening.info(path)?;
     info.notes = notes;
-    info.notes.extend(values.notes);
     let descend = place(&mut info, &dims, &opening.axes);
-    if let Some(unit) = &values.unit {
-        info.set_value_unit(unit, "units");
-    }
-    if let Some((value, name)) = values.nodata {
-        info.set_nodata(value, name);
-    }
+    values.describe(&mut info);
     Ok(Mirrored::turned(Box::new(opening.source(path, info)?), descend))
 }
 

@@ -102,17 +102,27 @@ fn of_lines(info: &mut SourceInfo, lines: &[Option<Line>; 3], notes: &mut Vec<No
     descend
 }
 
+/// The unit of times such as `hours since 2000-01-01`; also in capitals and short plurals, as `Hrs`.
+fn unit_of_time(units: &str) -> Option<&'static str> {
+    let name = units.split(" since ").next()?.trim();
+    let lower = name.to_lowercase();
+    let singular = lower.strip_suffix('s').unwrap_or(&lower);
+    [name, &lower, singular].into_iter().find_map(|name| time_unit(name).ok())
+}
+
 /// Sets the times of the steps, in a unit such as `hours since 2000-01-01`.
 fn time(info: &mut SourceInfo, coordinates: &[f64], units: Option<&str>, notes: &mut Vec<Note>) {
-    let name = units.and_then(|units| units.split(" since ").next()).map(str::trim);
-    let unit = name.and_then(|name| time_unit(name).ok());
+    if coordinates.len() < 2 {
+        // Each file may count from its own beginning.
+        let way_on = "`time_step` or `time_stamps` gives those of several files";
+        notes.push(Note::new(format!("The time of a file's only step is left out; {way_on}.")));
+        return;
+    }
+    let unit = units.and_then(unit_of_time);
     if let (Some(units), None) = (units, unit) {
         notes.push(Note::warning(format!("Times are in {units}, which is no known unit: it is left out.")));
     } else if let Some(units) = units.filter(|units| units.contains(" since ")) {
         notes.push(Note::new(format!("Times are in {units}.")));
-    }
-    if coordinates.len() < 2 {
-        return;
     }
     match TimeAxis::of_stamps(coordinates.to_vec(), unit.map(str::to_owned)) {
         Ok(axis) => info.time = Some(axis),
@@ -136,6 +146,24 @@ mod tests {
         of_lines(&mut info, &lines.map(|told| told.map(line)), &mut Vec::new());
         assert!(info.calibrated);
         info.geometry
+    }
+
+    #[test]
+    fn units_of_time_are_known_as_udunits_spells_them() {
+        for (units, unit) in [
+            ("hours since 1900-01-01", "hour"),
+            ("Hours since 1900-01-01 00:00:0.0", "hour"),
+            ("hrs since 2001-01-01", "hour"),
+            ("mins since 2001-01-01", "minute"),
+            ("msecs since 2001-01-01", "millisecond"),
+            ("d since 2001-01-01", "day"),
+            ("seconds", "second"),
+        ] {
+            assert_eq!(unit_of_time(units), Some(unit), "{units}");
+        }
+        for none in ["months since 2000-01-01", "years since 0001-01-01", "day as %Y%m%d.%f", ""] {
+            assert_eq!(unit_of_time(none), None, "{none}");
+        }
     }
 
     #[test]

@@ -5,6 +5,10 @@ use crate::cf;
 use hdf5_reader::{Attribute, Datatype, StringSize};
 
 impl cf::Attributes for [Attribute] {
+    fn has(&self, name: &str) -> bool {
+        named(self, name).is_some()
+    }
+
     fn text(&self, name: &str) -> Option<String> {
         text(self, name)
     }

@@ -291,7 +291,7 @@ fn packed_numbers_become_values() {
     let (_folder, path) = temp_file("a.h5", &file);
     let source = open(&path, &OpenOptions::default()).unwrap();
     let info = source.info();
-    assert_eq!((info.voxel_type, info.nodata, info.calibrated), (VoxelType::F32, Some(101.5), true));
+    assert_eq!((info.voxel_type, info.knows_nodata, info.calibrated), (VoxelType::F32, true, true));
     assert_eq!(
         (info.geometry.spacing, info.geometry.unit.as_deref()),
         (glam::DVec3::new(1.0, 2.0, 3.0), Some("micrometer"))
@@ -299,9 +299,11 @@ fn packed_numbers_become_values() {
     assert_eq!(info.channel_looks[0].unit.as_deref(), Some("K"));
     let mut out = [0; 96];
     source.read_box(0, 0, info.extent.full_box(), &mut out).unwrap();
-    assert_eq!(VoxelType::F32.read(&out, 23), 111.5);
+    assert!(VoxelType::F32.read(&out, 23) == 111.5 && VoxelType::F32.read(&out, 3).is_nan());
     let plain = OpenOptions { nodata: NoData::None, ..OpenOptions::default() };
-    assert_eq!(open_any(&[path], &plain).unwrap().info().nodata, None);
+    let plain = open_any(&[path], &plain).unwrap();
+    plain.read_box(0, 0, plain.info().extent.full_box(), &mut out).unwrap();
+    assert_eq!((plain.info().nodata, VoxelType::F32.read(&out, 3)), (None, 101.5));
 }
 
 #[test]

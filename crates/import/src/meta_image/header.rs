@@ -183,8 +183,7 @@ impl Header {
         if slope == 0.0 {
             return Err(self.not_valid("ElementToIntensityFunctionSlope"));
         }
-        let scale =
-            ((slope, intercept) != (1.0, 0.0)).then_some(Scale { slope, intercept, to: VoxelType::F32, nodata: None });
+        let scale = ((slope, intercept) != (1.0, 0.0)).then_some(Scale::new(slope, intercept, VoxelType::F32));
         Ok(Decode { element: *element, endian, scale })
     }
 

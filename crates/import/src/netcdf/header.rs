@@ -105,6 +105,10 @@ pub(super) struct Told<'a> {
 }
 
 impl cf::Attributes for Told<'_> {
+    fn has(&self, name: &str) -> bool {
+        self.attributes.iter().any(|attribute| attribute.name == name)
+    }
+
     fn text(&self, name: &str) -> Option<String> {
         let found = self.attributes.iter().find(|attribute| attribute.name == name && attribute.kind == Kind::Text)?;
         let text = String::from_utf8_lossy(self.file.get(found.values.clone())?);

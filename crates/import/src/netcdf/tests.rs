@@ -2,7 +2,7 @@
 
 use super::open;
 use crate::open::open as open_any;
-use crate::options::OpenOptions;
+use crate::options::{NoData, OpenOptions};
 use crate::testing::{Field, assert_boxes, said, temp_file};
 use brickyard_volume::VoxelType;
 use glam::DVec3;
@@ -261,7 +261,8 @@ fn values_and_places_follow_cf() {
     assert_eq!((info.extent.to_array(), info.times, info.voxel_type), ([4, 3, 1], 2, VoxelType::F32));
     assert_eq!(info.geometry.spacing.truncate().to_array(), [2.5, 2.5]);
     assert_eq!(info.geometry.origin, DVec3::new(10.0, 55.0, 0.0));
-    assert!(info.calibrated && info.nodata == Some(201.5));
+    assert!(info.calibrated && info.knows_nodata && info.nodata.is_none());
+    assert!(said(&info.notes).contains("Voxels stored as 3 hold no data, according to the file (missing_value)"));
     let time = info.time.clone().unwrap();
     assert_eq!((time.step, time.unit.as_deref()), (6.0, Some("hour")));
     assert!(said(&info.notes).contains("phi descend from 60 to 55: the volume is turned round along y"));
@@ -270,6 +271,90 @@ fn values_and_places_follow_cf() {
     // The first row is the last in the file: latitude 55.
     assert_eq!(VoxelType::F32.read(&out, 0), (12.0 + 8.0) * 0.5 + 200.0);
     assert_eq!(VoxelType::F32.read(&out, 11), (12.0 + 3.0) * 0.5 + 200.0);
+}
+
+/// Values of the first step, x fastest.
+fn values(source: &dyn crate::source::Source) -> Vec<f64> {
+    let info = source.info();
+    let count = info.extent.volume() as usize;
+    let mut out = vec![0; count * info.voxel_type.bytes()];
+    source.read_box(0, 0, info.extent.full_box(), &mut out).unwrap();
+    (0..count).map(|i| info.voxel_type.read(&out, i)).collect()
+}
+
+fn with(attributes: &[(&'static str, Value)], kind: u32, data: Vec<u8>) -> Made {
+    let bytes = SIZES.iter().find(|(of, _)| *of == kind).map_or(1, |(_, bytes)| *bytes);
+    let x = data.len() as u64 / bytes;
+    let packed = Var { attributes: attributes.to_vec(), ..var("a", &[0, 1], kind, data) };
+    Made { version: 5, dims: vec![("y", 1), ("x", x)], records: 0, is_streamed: false, vars: vec![packed] }
+}
+
+#[test]
+fn scales_in_words_are_numbers_and_others_are_told() {
+    let number = |number: f64| Value::Doubles(vec![number]);
+    let units = ("units", Value::Text("K"));
+    let told = OpenOptions { variable: Some("a".into()), ..OpenOptions::default() };
+    let opened = |attributes: &[(&'static str, Value)]| {
+        let (_folder, path) = temp_file("a.nc", &with(attributes, 7, vec![2, 4, 6]).finish());
+        let source = open(&path, &told).unwrap();
+        let unit = source.info().channel_looks.first().and_then(|look| look.unit.clone());
+        (values(&*source), unit.is_some(), said(&source.info().notes))
+    };
+    let (found, has_unit, _) =
+        opened(&[("scale_factor", Value::Text("0.5")), ("add_offset", number(1.0)), units.clone()]);
+    assert_eq!((found, has_unit), (vec![2.0, 3.0, 4.0], true));
+    for (scale, why) in [
+        (Value::Text("half"), "scale_factor is no single number"),
+        (Value::Doubles(vec![0.5, 0.5]), "scale_factor is no single number"),
+        (number(0.0), "make no values"),
+    ] {
+        let (found, has_unit, notes) = opened(&[("scale_factor", scale), units.clone()]);
+        assert_eq!((found, has_unit), (vec![2.0, 4.0, 6.0], false));
+        assert!(notes.contains(why) && notes.contains("the stored numbers are kept"), "{notes}");
+    }
+    let (_, _, notes) = opened(&[("_FillValue", Value::Text("none")), ("missing_value", Value::Text("-"))]);
+    assert!(notes.contains("_FillValue is no single number") && notes.contains("missing_value is no number"));
+}
+
+/// A fill value stands for the same bits as the numbers, whatever their sign.
+#[test]
+fn the_sign_of_numbers_and_fills_may_be_told_apart_from_their_type() {
+    let cases = [("true", 1, -1.0, 255.0, [1.0, 255.0, 128.0]), ("false", 7, 255.0, -1.0, [1.0, -1.0, -128.0])];
+    for (sign, kind, fill, nodata, expected) in cases {
+        let attributes = [("_Unsigned", Value::Text(sign)), ("_FillValue", Value::Doubles(vec![fill]))];
+        let (_folder, path) = temp_file("a.nc", &with(&attributes, kind, vec![1, 255, 128]).finish());
+        let source = open(&path, &OpenOptions { variable: Some("a".into()), ..OpenOptions::default() }).unwrap();
+        assert_eq!((values(&*source), source.info().nodata), (expected.to_vec(), Some(nodata)), "{sign}");
+    }
+}
+
+/// Files of a model's or a reanalysis' output each have a scale of their own, and so a fill value of another value.
+#[test]
+fn files_packed_by_scales_of_their_own_are_one_series() {
+    let (folder, first) = temp_file("t0.nc", &[]);
+    let second = folder.path().join("t1.nc");
+    for (path, scale) in [(&first, 0.5), (&second, 0.25)] {
+        let attributes =
+            [("scale_factor", Value::Doubles(vec![scale])), ("_FillValue", Value::Doubles(vec![-32767.0]))];
+        let data: Vec<u8> = [4i16, -32767, 8].iter().flat_map(|n| n.to_be_bytes()).collect();
+        std::fs::write(path, with(&attributes, 3, data).finish()).unwrap();
+    }
+    let told = OpenOptions { variable: Some("a".into()), ..OpenOptions::default() };
+    let source = open_any(&[first.clone(), second], &told).unwrap();
+    let mut out = [0; 12];
+    for (time, expected) in [(0, [2.0, 4.0]), (1, [1.0, 2.0])] {
+        source.read_box(time, 0, source.info().extent.full_box(), &mut out).unwrap();
+        let found: Vec<f64> = (0..3).map(|i| VoxelType::F32.read(&out, i)).collect();
+        assert!(found[1].is_nan() && [found[0], found[2]] == expected, "{found:?}");
+    }
+    assert!(said(&source.info().notes).contains("Voxels stored as -32767 hold no data"));
+    let kept = OpenOptions { nodata: NoData::None, ..told.clone() };
+    assert_eq!(values(&*open_any(&[first], &kept).unwrap())[1], -16383.5);
+    // NetCDF's own fill value of 64-bit integers is no loss, either.
+    let data: Vec<u8> = [4i64, -9223372036854775806].iter().flat_map(|n| n.to_be_bytes()).collect();
+    let (_folder, path) = temp_file("a.nc", &with(&[("scale_factor", Value::Doubles(vec![0.5]))], 10, data).finish());
+    let found = values(&*open(&path, &told).unwrap());
+    assert!(found[0] == 2.0 && found[1].is_nan(), "{found:?}");
 }
 
 fn minc(limits: &[f64], valid: [f64; 2]) -> Made {

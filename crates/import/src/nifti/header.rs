@@ -138,7 +138,7 @@ impl Fields {
                  no scaling; write the header again"
             )));
         }
-        Ok(Some(Scale { slope, intercept, to: VoxelType::F32, nodata: None }))
+        Ok(Some(Scale::new(slope, intercept, VoxelType::F32)))
     }
 
     fn body_offset(&self, single_file: bool, header_bytes: u64) -> Result<u64, Refusal> {
