@@ -110,7 +110,7 @@ fn open_entry(
     file: &File,
     tree: &Tree,
     entry: &Entry,
-    notes: Vec<Note>,
+    mut notes: Vec<Note>,
     options: &OpenOptions,
 ) -> Result<Box<dyn Source>> {
     let what = &entry.path;
@@ -120,14 +120,20 @@ fn open_entry(
         ImportError::unsupported_but(&file.path, format!("{name} of {what}"), advice)
     };
     let stored = entry.stored.as_ref().map_err(refuse)?;
-    let dims = axes::dims_of(tree, entry);
+    let dims = axes::dims_of(file, tree, entry, &mut notes);
     let (axes, sizes) = arrange(file, entry, stored, &dims, options)?;
     let default_fill = |element| cf::default_fill(tree, entry, element);
-    let values = values_of(&entry.attributes[..], stored.element, stored.endian, options.nodata, default_fill);
+    let mut element = stored.element;
+    if bdv::are_cells(what) {
+        element = bdv::without_sign(element);
+        notes.push(Note::new("16-bit numbers of BigDataViewer have no sign."));
+    }
+    let values = values_of(&entry.attributes[..], element, stored.endian, options.nodata, default_fill);
     let values = values.direct(options);
     let mut info = SourceInfo::plain(sizes, values.decode.voxel_type());
     info.identity = identity(&format!("hdf5 {what} {axes:?}"), &[&file.path])?;
     info.notes = notes;
+    info.notes.extend(cf::unapplied(tree, entry));
     cf::place(&mut info, tree, entry, &axes);
     let descend = place(&mut info, &dims, &axes);
     let has_members = !stored.members.is_empty();

@@ -1,7 +1,7 @@
 //! BigDataViewer's HDF5: a dataset for each time point, setup and level, of which the finest is read. Setups of one size and place are
 //! channels; an XML beside the file tells their names and places. Costs the chunk index of every dataset.
 
-use super::file::File;
+use super::file::{File, cause_of};
 use super::layout::{Elements, elements_of};
 use super::source::Opening;
 use super::spim_data::{Affine, Setup, SpimData};
@@ -18,6 +18,7 @@ use brickyard_volume::units::LengthUnit;
 use brickyard_volume::{ChannelLook, Extent, VoxelType};
 use glam::DVec3;
 use hdf5_reader::Dataset;
+use hdf5_reader::error::Error;
 use std::path::Path;
 
 /// Largest relative difference of equal sizes and places.
@@ -39,6 +40,18 @@ fn path_of(time: u32, setup: u32) -> String {
     format!("/t{time:05}/s{setup:02}/0/cells")
 }
 
+/// Whether a path is that of a view's voxels.
+pub(super) fn are_cells(path: &str) -> bool {
+    let parts: Vec<&str> = path.split('/').collect();
+    let is = |part: &str, start: &str| part.strip_prefix(start).is_some_and(|number| number.parse::<u32>().is_ok());
+    matches!(parts[..], ["", time, setup, level, "cells"] if is(time, "t") && is(setup, "s") && is(level, ""))
+}
+
+/// BigDataViewer keeps unsigned numbers under the signed type of Java.
+pub(super) fn without_sign(element: Element) -> Element {
+    if element == Element::Voxel(VoxelType::I16) { Element::Voxel(VoxelType::U16) } else { element }
+}
+
 /// The setups and time points of a file with the groups of BigDataViewer; `None` for others.
 pub(super) fn views_of(file: &File) -> Option<Views> {
     let root = file.hdf.root_group().ok()?;
@@ -53,9 +66,10 @@ pub(super) fn views_of(file: &File) -> Option<Views> {
         numbers
     };
     let (setups, times) = (numbers('s'), numbers('t'));
-    let (setup, time) = (*setups.first()?, *times.first()?);
-    file.hdf.dataset(&format!("/s{setup:02}/resolutions")).ok()?;
-    file.hdf.dataset(&path_of(time, setup)).ok()?;
+    file.hdf.dataset(&format!("/s{:02}/resolutions", setups.first()?)).ok()?;
+    // Any view may be missing.
+    let mut paths = times.iter().flat_map(|time| setups.iter().map(|setup| path_of(*time, *setup)));
+    paths.find(|path| file.hdf.dataset(path).is_ok())?;
     let setups = setups.into_iter().map(|id| Setup { id, ..Setup::default() }).collect();
     Some(Views { setups, times })
 }
@@ -114,10 +128,7 @@ pub(super) fn open(
     }
     let sizes = Sizes { extent, channels: views.setups.len() as u32, times: views.times.len() as u32 };
     sizes.checked_bytes(stored.bytes).map_err(|problem| ImportError::invalid(&file.path, problem))?;
-    // BigDataViewer keeps unsigned numbers under the signed type of Java.
-    let is_java = stored.element == Element::Voxel(VoxelType::I16);
-    let element = if is_java { Element::Voxel(VoxelType::U16) } else { stored.element };
-    let decode = Decode { element, endian: stored.endian, scale: None };
+    let decode = Decode { element: without_sign(stored.element), endian: stored.endian, scale: None };
     let mut info = SourceInfo::plain(sizes, decode.voxel_type());
     let ids: Vec<u32> = views.setups.iter().map(|setup| setup.id).collect();
     let files: Vec<&Path> = told.iter().map(|(path, _)| *path).chain([&*file.path]).collect();
@@ -141,7 +152,14 @@ pub(super) fn open(
 
 fn first_of(file: &File, time: u32, setup: u32) -> Result<First> {
     let path = path_of(time, setup);
-    let set = file.hdf.dataset(&path).map_err(|error| file.refusal(&path, &error))?;
+    let set = file.hdf.dataset(&path).map_err(|error| match cause_of(&error) {
+        Error::GroupNotFound(_) | Error::DatasetNotFound(_) => {
+            let feature = format!("{path}, a view that is missing or lies in another file,");
+            let advice = "name a setup with `variable` whose views are all in this file";
+            ImportError::unsupported_but(&file.path, feature, advice)
+        }
+        _ => file.refusal(&path, &error),
+    })?;
     let stored = Stored::of(&set).and_then(|stored| match stored.members.len() {
         0 => Ok(stored),
         _ => Err(stored.name()),

@@ -143,6 +143,21 @@ impl Chunks {
         Ok(())
     }
 
+    /// All elements of a dataset along one axis.
+    pub(super) fn line(&self, file: &MappedFile) -> Result<Vec<u8>, String> {
+        if let Some(known) = &self.known {
+            return Ok(known.to_vec());
+        }
+        let mut line = self.fill.repeat(self.shape.iter().product::<u64>() as usize);
+        for stored in &self.stored {
+            let chunk = self.decode(file, stored)?;
+            let rest = line.get_mut(stored.number as usize * chunk.len()..).unwrap_or_default();
+            let count = rest.len().min(chunk.len());
+            rest[..count].copy_from_slice(&chunk[..count]);
+        }
+        Ok(line)
+    }
+
     /// The decoded chunk at a place of the grid; `None` if it was never written.
     fn load(&self, file: &MappedFile, cache: &ChunkCache, place: &[u64]) -> Result<Option<Arc<Vec<u8>>>, String> {
         if let Some(known) = &self.known {

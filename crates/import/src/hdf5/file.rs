@@ -64,6 +64,14 @@ impl File {
     }
 }
 
+/// The cause of an error, without the places around it.
+pub(super) fn cause_of(error: &Error) -> &Error {
+    match error {
+        Error::Context { source, .. } => cause_of(source),
+        cause => cause,
+    }
+}
+
 /// The parser's error about a part of the file.
 fn refusal(path: &Path, what: &str, error: &Error) -> ImportError {
     let advice = "write it anew with h5py, as plain arrays";
@@ -87,7 +95,7 @@ fn refusal(path: &Path, what: &str, error: &Error) -> ImportError {
         }
         cause if cause.to_string().starts_with("unsupported") => {
             let text = cause.to_string();
-            let feature = text.trim_start_matches("unsupported ");
+            let feature = text.trim_start_matches("unsupported ").trim_end_matches(" is not supported");
             ImportError::unsupported_but(path, format!("{what} with {feature}"), advice)
         }
         cause => {

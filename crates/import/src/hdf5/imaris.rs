@@ -7,6 +7,7 @@ use super::layout::{Elements, elements_of};
 use super::source::Opening;
 use super::tree::{Entry, Tree};
 use super::types::Stored;
+use crate::array_choice::last_of;
 use crate::axes::{Axis, Sizes};
 use crate::element::Decode;
 use crate::error::{ImportError, Result};
@@ -15,6 +16,7 @@ use crate::options::OpenOptions;
 use crate::raw::identity;
 use crate::source::{Source, SourceInfo};
 use brickyard_volume::{ChannelLook, Extent, TimeAxis};
+use std::collections::BTreeSet;
 
 const LEVEL: &str = "/DataSet/ResolutionLevel 0";
 const IMAGE: &str = "/DataSetInfo/Image";
@@ -42,10 +44,15 @@ pub(super) fn open(file: &File, tree: &Tree, options: &OpenOptions) -> Result<Bo
             advice,
         ));
     }
-    let count =
-        |path: &dyn Fn(u32) -> String| (0..u32::MAX).take_while(|n| tree.group(&path(*n)).is_some()).count() as u32;
-    let times = count(&|time| format!("{LEVEL}/TimePoint {time}"));
-    let channels = count(&|channel| path_of(0, channel));
+    let times = count_of(file, tree, LEVEL, "TimePoint ")?;
+    let channels = count_of(file, tree, &format!("{LEVEL}/TimePoint 0"), "Channel ")?;
+    for time in 1..times {
+        let step = format!("{LEVEL}/TimePoint {time}");
+        let found = count_of(file, tree, &step, "Channel ")?;
+        if found != channels {
+            return Err(file.damaged(&step, &format!("it has {found} channels, the first step {channels}")));
+        }
+    }
     let set = |time: u32, channel: u32| {
         let path = format!("{}/Data", path_of(time, channel));
         tree.set(&path).ok_or_else(|| file.damaged(&path, "it is missing"))
@@ -85,6 +92,19 @@ pub(super) fn open(file: &File, tree: &Tree, options: &OpenOptions) -> Result<Bo
     describe(&mut info, tree, &stored);
     let axes = vec![Axis::Z, Axis::Y, Axis::X];
     Ok(Box::new(Opening { file, info, axes, decode, has_members: false }.chunks(arrays, options)?))
+}
+
+/// The number of groups with this start of their names in a group. They are counted from 0 without gaps.
+fn count_of(file: &File, tree: &Tree, group: &str, start: &str) -> Result<u32> {
+    let number = |path: &str| last_of(path).strip_prefix(start)?.parse::<u32>().ok();
+    let numbers: BTreeSet<u32> = tree.groups_in(group).filter_map(number).collect();
+    match (0..).zip(&numbers).find(|(place, number)| place != *number) {
+        Some((place, _)) => {
+            let feature = format!("{group} without {start}{place}, but with later ones,");
+            Err(ImportError::unsupported_but(&file.path, feature, "name one dataset with `variable`"))
+        }
+        None => Ok(numbers.len() as u32),
+    }
 }
 
 /// Sizes of the image in a channel, without the padding of its dataset.
@@ -159,8 +179,11 @@ fn describe(info: &mut SourceInfo, tree: &Tree, stored: &Stored) {
     if looks.iter().any(|look| *look != ChannelLook::default()) {
         info.channel_looks = looks;
     }
-    let stamps: Option<Vec<f64>> =
-        (1..=info.times).map(|time| seconds(&said("/DataSetInfo/TimeInfo", &format!("TimePoint{time}"))?)).collect();
+    let told = |time: u32| said("/DataSetInfo/TimeInfo", &format!("TimePoint{time}"));
+    let stamps: Option<Vec<f64>> = (1..=info.times).map(|time| seconds(&told(time)?)).collect();
+    if stamps.is_none() && info.times > 1 && (1..=info.times).any(|time| told(time).is_some()) {
+        info.notes.push(Note::warning("The file's times are left out: not every step has one."));
+    }
     if let Some(stamps) = stamps.filter(|stamps| stamps.len() > 1) {
         let start = stamps[0];
         let stamps = stamps.into_iter().map(|stamp| stamp - start).collect();

@@ -162,10 +162,17 @@ impl Builder {
         self.put(&node)
     }
 
-    /// Moves all links but the first ones into a group.
+    /// Moves all links but the first ones, and the attributes collected so far, into a group.
     fn group(mut self, name: &'static str, kept: usize) -> Self {
-        let links: Vec<Vec<u8>> = self.links.split_off(kept).iter().map(link).collect();
-        let at = self.put(&header(&links));
+        let mut messages: Vec<Vec<u8>> = self.links.split_off(kept).iter().map(link).collect();
+        messages.append(&mut self.attributes);
+        let at = self.put(&header(&messages));
+        self.links.push((name, at));
+        self
+    }
+
+    /// Adds another link to an object.
+    fn again(mut self, name: &'static str, at: u64) -> Self {
         self.links.push((name, at));
         self
     }
@@ -349,8 +356,160 @@ fn virtual_datasets_and_links_to_other_files_are_named() {
     assert!(refusal(&path, &told("e")).contains("/e, a link to another file (b.h5), is not supported"));
 }
 
+fn floats(numbers: &[f32]) -> Vec<u8> {
+    numbers.iter().flat_map(|number| number.to_le_bytes()).collect()
+}
+
+/// Single characters, as an array of texts.
+fn letters_attribute(name: &str, letters: &str) -> Vec<u8> {
+    attribute(name, &[0x13, 0, 0, 0, 1, 0, 0, 0], &[letters.len() as u64], letters.as_bytes())
+}
+
+/// Adds coordinates from 1 on.
+fn line(made: Builder, name: &'static str, count: u64, step: f32) -> Builder {
+    let numbers: Vec<f32> = (0..count).map(|n| 1.0 + n as f32 * step).collect();
+    made.set(name, &datatype(VoxelType::F32, false), &[count], &floats(&numbers), Place::Piece)
+}
+
+/// A NeXus file whose plot links to a dataset of a detector, which comes first in the file. The axes of the plot are `axes`, and told by `more`.
+fn of_nexus(axes: &str, more: &[Vec<u8>], field: Option<&'static str>) -> Vec<u8> {
+    let made = small(Place::Piece);
+    let (_, at) = made.links[0];
+    let made = made.group("detector", 0).again("data", at);
+    let mut made = line(line(line(made, "p", 2, 10.0), "q", 3, 2.0), "r", 4, 0.5);
+    if let Some(name) = field {
+        made = line(made, name, 1, 0.0);
+    }
+    if !axes.is_empty() {
+        made = made.with(letters_attribute("axes", axes));
+    }
+    let made = more.iter().fold(made, |made, attribute| made.with(attribute.clone()));
+    made.with(text_attribute("NX_class", "NXdata")).with(text_attribute("signal", "data")).group("plot", 1).finish()
+}
+
+#[test]
+fn a_plot_of_nexus_may_link_to_its_signal() {
+    let spacing = |file: &[u8]| {
+        let (_folder, path) = temp_file("a.nxs", file);
+        let source = open(&path, &OpenOptions::default()).unwrap();
+        (source.info().calibrated.then_some(source.info().geometry.spacing.to_array()), said(&source.info().notes))
+    };
+    let (found, notes) = spacing(&of_nexus("pqr", &[], None));
+    assert_eq!(found, Some([0.5, 2.0, 10.0]));
+    assert!(notes.contains("/plot/data is read, the signal") && !notes.contains("not applied"), "{notes}");
+    let at = |name, place| number_attribute(name, &[place]);
+    let places = [at("p_indices", 0.0), at("q_indices", 1.0), at("r_indices", 2.0)];
+    assert_eq!(spacing(&of_nexus("rqp", &places, None)).0, Some([0.5, 2.0, 10.0]));
+    assert_eq!(spacing(&of_nexus("rqp", &[], None)).0, None);
+    for field in ["data_scaling_factor", "offset"] {
+        let (_, notes) = spacing(&of_nexus("pqr", &[], Some(field)));
+        assert!(notes.contains(&format!("/plot/{field} of NeXus change the values: they are not applied")), "{notes}");
+    }
+    // The dataset by its other name has no axes.
+    let (_folder, path) = temp_file("a.nxs", &of_nexus("pqr", &[], None));
+    let told = OpenOptions { variable: Some("detector/a".into()), ..OpenOptions::default() };
+    assert!(!open(&path, &told).unwrap().info().calibrated);
+}
+
+#[test]
+fn edges_of_bins_give_their_middles() {
+    let made = line(line(line(small(Place::Piece), "p", 2, 10.0), "q", 4, 2.0), "r", 4, 0.5);
+    let made = made.with(letters_attribute("axes", "pqr")).with(text_attribute("NX_class", "NXdata"));
+    let (_folder, path) = temp_file("a.nxs", &made.with(text_attribute("signal", "a")).group("plot", 0).finish());
+    let geometry = open(&path, &OpenOptions::default()).unwrap().info().geometry.clone();
+    assert_eq!((geometry.spacing.to_array(), geometry.origin.to_array()), ([0.5, 2.0, 10.0], [1.0, 2.0, 1.0]));
+}
+
+#[test]
+fn old_coordinates_of_nexus_tell_their_axes() {
+    let told = |made: Builder, name: &'static str, axis: f64, count: u64, step: f32| {
+        line(made.with(number_attribute("axis", &[axis])), name, count, step)
+    };
+    let made = told(Builder::new().with(number_attribute("primary", &[1.0])), "b", 2.0, 3, 2.0);
+    let made = told(told(told(made, "k", 3.0, 4, 3.0), "a", 1.0, 2, 1.0), "other", 2.0, 3, 9.0);
+    let data: Vec<u8> = (0..24).collect();
+    let kind = datatype(VoxelType::U8, false);
+    let made = made.with(number_attribute("signal", &[1.0])).set("counts", &kind, &[2, 3, 4], &data, Place::Piece);
+    let (_folder, path) =
+        temp_file("a.nxs", &made.with(text_attribute("NX_class", "NXdata")).group("plot", 0).finish());
+    let source = open(&path, &OpenOptions::default()).unwrap();
+    assert_eq!(source.info().geometry.spacing.to_array(), [3.0, 2.0, 1.0]);
+}
+
+/// A dataset under several names is one, and groups may hold themselves.
+#[test]
+fn links_to_what_was_seen_are_followed_by_name_alone() {
+    let made = small(Place::Piece);
+    let (_, at) = made.links[0];
+    let made = made.again("b", at).group("inner", 0);
+    let (_, inner) = made.links[0];
+    let (_folder, path) = temp_file("a.h5", &made.again("outer", inner).finish());
+    let none = OpenOptions::default();
+    assert!(said(&open(&path, &none).unwrap().info().notes).contains("/inner/a is read, the only volume"));
+    for name in ["inner/b", "/outer/a", "outer/b", "a", "b"] {
+        let told = OpenOptions { variable: Some(name.into()), ..none.clone() };
+        assert_eq!(open(&path, &told).unwrap().info().extent.x, 4, "{name}");
+    }
+    let told = OpenOptions { variable: Some("outer".into()), ..none };
+    assert!(refusal(&path, &told).contains("name a dataset in it: /inner/a (2 x 3 x 4, u8)"));
+}
+
+/// Steps of an Imaris file, also behind a link to their group, as recent versions write it.
+fn of_imaris(steps: &[&'static str], is_linked: bool) -> Vec<u8> {
+    let kind = datatype(VoxelType::U8, false);
+    let data: Vec<u8> = (0..24).collect();
+    let mut made = Builder::new();
+    for (n, &step) in steps.iter().enumerate() {
+        made = made.set("Data", &kind, &[2, 3, 4], &data, Place::Chunks([2, 2, 2]));
+        for (axis, size) in [("ImageSizeX", "3"), ("ImageSizeY", "3"), ("ImageSizeZ", "1")] {
+            made = made.with(letters_attribute(axis, size));
+        }
+        made = made.group("Channel 0", n).group(step, n);
+    }
+    let made = made.group("ResolutionLevel 0", 0);
+    // A coarser level.
+    let made = made.set("Data", &kind, &[2, 3, 4], &data, Place::Piece).group("Channel 0", 1).group("TimePoint 0", 1);
+    let mut made = made.group("ResolutionLevel 1", 1).group("DataSet", 0);
+    if is_linked {
+        let (_, at) = made.links[0];
+        made = made.group("InitialImages", 0).again("DataSet", at);
+    }
+    let kept = made.links.len();
+    let made = made.with(letters_attribute("Unit", "um"));
+    ["0", "1", "2"]
+        .iter()
+        .fold(made, |made, axis| {
+            let name = |end: &str| format!("Ext{end}{axis}");
+            made.with(letters_attribute(&name("Min"), "0")).with(letters_attribute(&name("Max"), "6"))
+        })
+        .group("Image", kept)
+        .group("DataSetInfo", kept)
+        .finish()
+}
+
+#[test]
+fn steps_of_imaris_have_no_gaps() {
+    let none = OpenOptions::default();
+    for is_linked in [false, true] {
+        let (_folder, path) = temp_file("a.ims", &of_imaris(&["TimePoint 0", "TimePoint 1"], is_linked));
+        let source = open(&path, &none).unwrap();
+        let info = source.info();
+        assert_eq!((info.extent.to_array(), info.times, info.channels), ([3, 3, 1], 2, 1));
+        let unit = info.geometry.unit.as_deref();
+        assert_eq!((info.geometry.spacing.to_array(), unit), ([2.0, 2.0, 6.0], Some("micrometer")));
+        let mut out = [0; 9];
+        source.read_box(1, 0, info.extent.full_box(), &mut out).unwrap();
+        assert_eq!(out, [0, 1, 2, 4, 5, 6, 8, 9, 10]);
+    }
+    for (steps, missing) in [(["TimePoint 0", "TimePoint 2"], 1), (["TimePoint 1", "TimePoint 2"], 0)] {
+        let (_folder, path) = temp_file("a.ims", &of_imaris(&steps, false));
+        let message = refusal(&path, &none);
+        assert!(message.contains(&format!("without TimePoint {missing}, but with later ones")), "{message}");
+    }
+}
+
 /// Two time points of one setup, of 16-bit numbers.
-fn of_bdv(sizes: [&[u64; 3]; 2]) -> Vec<u8> {
+fn bdv_builder(sizes: [&[u64; 3]; 2]) -> Builder {
     let kind = datatype(VoxelType::I16, false);
     let mut made = Builder::new();
     for (n, shape) in sizes.into_iter().enumerate() {
@@ -359,7 +518,11 @@ fn of_bdv(sizes: [&[u64; 3]; 2]) -> Vec<u8> {
         made = made.set("cells", &kind, shape, &data, Place::Chunks([2, 2, 2]));
         made = made.group("0", n).group("s00", n).group(["t00000", "t00001"][n], n);
     }
-    made.set("resolutions", &datatype(VoxelType::U8, false), &[1, 3], &[1, 1, 1], Place::Piece).group("s00", 2).finish()
+    made.set("resolutions", &datatype(VoxelType::U8, false), &[1, 3], &[1, 1, 1], Place::Piece).group("s00", 2)
+}
+
+fn of_bdv(sizes: [&[u64; 3]; 2]) -> Vec<u8> {
+    bdv_builder(sizes).finish()
 }
 
 #[test]
@@ -373,6 +536,8 @@ fn views_of_bigdataviewer_are_steps_and_channels() {
     let mut out = [0; 48];
     alone.read_box(1, 0, info.extent.full_box(), &mut out).unwrap();
     assert_eq!((info.voxel_type, VoxelType::U16.read(&out, 23)), (VoxelType::U16, 61937.0), "without a sign");
+    let told = OpenOptions { variable: Some("/t00001/s00/0/cells".into()), ..none.clone() };
+    assert_eq!(open(&path, &told).unwrap().info().voxel_type, VoxelType::U16, "named by its path, too");
     let xml = folder.path().join("a.xml");
     let open_xml = |loader: &str, unit: &str, affines: [&str; 2], more: &str| {
         let places: String = (0..2)
@@ -413,6 +578,14 @@ fn views_of_bigdataviewer_are_steps_and_channels() {
     assert!(open_xml("bdv.n5", "um", [moved; 2], "").unwrap_err().contains("image loader bdv.n5 is not supported"));
     let (_folder, path) = temp_file("a.h5", &of_bdv([&[2, 3, 4], &[2, 3, 5]]));
     assert!(refusal(&path, &none).contains("/t00001/s00/0/cells is damaged: it differs"));
+    // A view in neither the file nor the list of missing ones.
+    let resolutions = datatype(VoxelType::U8, false);
+    let more = bdv_builder([&[2, 3, 4]; 2]).set("resolutions", &resolutions, &[1, 3], &[1, 1, 1], Place::Piece);
+    let (_folder, path) = temp_file("a.h5", &more.group("s01", 3).finish());
+    let message = refusal(&path, &none);
+    assert!(message.contains("/t00000/s01/0/cells, a view that is missing or lies in another file"), "{message}");
+    let told = OpenOptions { variable: Some("s00".into()), ..none };
+    assert_eq!(open(&path, &told).unwrap().info().times, 2);
 }
 
 proptest! {

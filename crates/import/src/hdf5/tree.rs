@@ -4,21 +4,20 @@ use super::attributes::{number, text, texts};
 use super::file::File;
 use super::links::{Link, links_of};
 use super::types::Stored;
-use crate::array_choice::{Listed, is_shape_of_volume, last_of, listed, no_such, none, several};
+use crate::array_choice::{Listed, is_shape_of_volume, listed, no_such, none, several};
 use crate::cf::helpers_of;
 use crate::error::{ImportError, Result};
 use hdf5_reader::error::Error;
 use hdf5_reader::group::Group;
 use hdf5_reader::{Attribute, Dataset};
-use std::collections::HashSet;
+use std::collections::{HashMap, HashSet};
 
 /// Most datasets and groups walked, and most levels.
 const MOST_OBJECTS: usize = 20_000;
 const MOST_LEVELS: usize = 64;
 
-/// Groups of Imaris with one image each, of which the finest is walked: many steps and channels leave no room for the others.
+/// Groups of Imaris with one image each.
 const LEVELS: &str = "/DataSet/ResolutionLevel ";
-const FINEST: &str = "/DataSet/ResolutionLevel 0";
 
 /// A dataset of the file.
 pub(super) struct Entry {
@@ -28,6 +27,8 @@ pub(super) struct Entry {
     pub(super) attributes: Vec<Attribute>,
     /// The type of its elements, or the unsupported one.
     pub(super) stored: Result<Stored, String>,
+    /// Whether it is a further link to a dataset listed before.
+    is_link: bool,
 }
 
 pub(super) struct GroupEntry {
@@ -39,6 +40,8 @@ pub(super) struct GroupEntry {
 pub(super) struct Tree {
     pub(super) groups: Vec<GroupEntry>,
     pub(super) sets: Vec<Entry>,
+    /// Paths of further links to groups, and the paths under which these were walked.
+    links: Vec<(String, String)>,
     /// Paths of what cannot be read, and why.
     unread: Vec<(String, ImportError)>,
     /// Whether there is more.
@@ -51,6 +54,12 @@ pub(super) fn parent_of(path: &str) -> &str {
         None | Some(("", _)) => "/",
         Some((parent, _)) => parent,
     }
+}
+
+/// Whether a group is a level of Imaris other than the finest, which is walked: many steps and channels leave no room for the others.
+fn is_coarse_level(path: &str) -> bool {
+    let level = path.rfind(LEVELS).and_then(|at| path.get(at + LEVELS.len()..));
+    level.is_some_and(|level| level.parse::<u32>().is_ok_and(|level| level > 0))
 }
 
 pub(super) fn join(group: &str, name: &str) -> String {
@@ -76,13 +85,14 @@ impl Entry {
 impl Tree {
     pub(super) fn of(file: &File) -> Result<Self> {
         let root = file.hdf.root_group().map_err(|error| file.refusal("the root group", &error))?;
-        let mut tree = Self { groups: Vec::new(), sets: Vec::new(), unread: Vec::new(), is_cut: false };
-        let mut seen = HashSet::from([root.address()]);
+        let mut tree =
+            Self { groups: Vec::new(), sets: Vec::new(), links: Vec::new(), unread: Vec::new(), is_cut: false };
+        let mut seen = HashMap::from([(root.address(), "/".into())]);
         tree.walk(file, &root, "/", 0, &mut seen);
         Ok(tree)
     }
 
-    fn walk(&mut self, file: &File, group: &Group, path: &str, level: usize, seen: &mut HashSet<u64>) {
+    fn walk(&mut self, file: &File, group: &Group, path: &str, level: usize, seen: &mut HashMap<u64, String>) {
         let attributes = group.attributes().unwrap_or_default();
         self.groups.push(GroupEntry { path: path.into(), attributes });
         let links = match links_of(file, group.address()) {
@@ -105,8 +115,10 @@ impl Tree {
                 continue;
             }
             match group.dataset(&name) {
-                Ok(set) if !seen.insert(set.address()) => {}
-                Ok(set) => self.add(path, set),
+                Ok(set) => {
+                    let is_link = seen.insert(set.address(), path.clone()).is_some();
+                    self.add(path, set, is_link);
+                }
                 // No dataset: a group, a datatype, or a link to nothing.
                 Err(Error::DatasetNotFound(_)) => match group.group(&name) {
                     Ok(group) => groups.push((path, group)),
@@ -121,22 +133,27 @@ impl Tree {
                 self.is_cut = true;
                 return;
             }
-            if path.starts_with(LEVELS) && path != FINEST {
+            if is_coarse_level(&path) {
                 continue;
             }
-            if seen.insert(group.address()) {
-                self.walk(file, &group, &path, level + 1, seen);
+            match seen.get(&group.address()) {
+                Some(walked) => self.links.push((path, walked.clone())),
+                None => {
+                    seen.insert(group.address(), path.clone());
+                    self.walk(file, &group, &path, level + 1, seen);
+                }
             }
         }
     }
 
-    fn add(&mut self, path: String, set: Dataset) {
+    fn add(&mut self, path: String, set: Dataset, is_link: bool) {
         let (attributes, stored) = (set.attributes(), Stored::of(&set));
-        self.sets.push(Entry { path, set, attributes, stored });
+        self.sets.push(Entry { path, set, attributes, stored, is_link });
     }
 
     fn is_full(&mut self) -> bool {
-        self.is_cut |= self.sets.len() + self.groups.len() + self.unread.len() >= MOST_OBJECTS;
+        let count = self.sets.len() + self.groups.len() + self.links.len() + self.unread.len();
+        self.is_cut |= count >= MOST_OBJECTS;
         self.is_cut
     }
 
@@ -146,11 +163,32 @@ impl Tree {
     }
 
     pub(super) fn set(&self, path: &str) -> Option<&Entry> {
-        self.sets.iter().find(|entry| entry.path == path)
+        let of = |path: &str| self.sets.iter().find(|entry| entry.path == path);
+        of(path).or_else(|| of(&self.walked(path)?))
     }
 
     pub(super) fn group(&self, path: &str) -> Option<&GroupEntry> {
-        self.groups.iter().find(|entry| entry.path == path)
+        let of = |path: &str| self.groups.iter().find(|entry| entry.path == path);
+        of(path).or_else(|| of(&self.walked(path)?))
+    }
+
+    /// Paths of the groups in a group.
+    pub(super) fn groups_in(&self, path: &str) -> impl Iterator<Item = &str> {
+        let inside = self.group(path).map(|group| &*group.path);
+        self.groups.iter().map(|group| &*group.path).filter(move |path| inside == Some(parent_of(path)))
+    }
+
+    /// The path under which an object was walked, of one behind links to groups.
+    fn walked(&self, path: &str) -> Option<String> {
+        let mut found: Option<String> = None;
+        for _ in 0..MOST_LEVELS {
+            let path = found.as_deref().unwrap_or(path);
+            let behind = |link: &str| path.strip_prefix(link).filter(|rest| rest.is_empty() || rest.starts_with('/'));
+            let next = self.links.iter().find_map(|(link, walked)| Some((walked, behind(link)?)));
+            let Some((walked, rest)) = next else { break };
+            found = Some(if rest.is_empty() { walked.clone() } else { join(walked, rest.trim_start_matches('/')) });
+        }
+        found
     }
 
     /// Adds a dataset of this path, which the parser may find by its name in a group that it cannot list.
@@ -159,7 +197,7 @@ impl Tree {
         if let Ok(set) = file.hdf.dataset(&path)
             && self.sets.iter().all(|entry| entry.set.address() != set.address())
         {
-            self.add(path, set);
+            self.add(path, set, false);
         }
     }
 
@@ -184,16 +222,19 @@ impl Tree {
             if let Some(entry) = self.signal_of(&path) {
                 return Ok(entry);
             }
-            let inside = self.sets.iter().filter(|entry| entry.path.starts_with(&join(&path, "")));
+            let group = self.group(&path).map_or(&*path, |group| &group.path);
+            let inside = self.sets.iter().filter(|entry| entry.path.starts_with(&join(group, "")));
             let inside: Vec<Listed> = inside.map(Entry::listed).collect();
             let problem = format!("`variable` {path}: is a group; name a dataset in it: {}", listed(&inside));
             return Err(ImportError::options(&file.path, problem));
         }
-        let alike: Vec<&Entry> = self.sets.iter().filter(|entry| last_of(&entry.path) == last_of(&path)).collect();
-        if let ([entry], false) = (&alike[..], name.contains('/')) {
-            return Ok(entry);
+        let mut alike = self.sets.iter().filter(|entry| !name.contains('/') && entry.path.ends_with(&path));
+        if let Some(first) = alike.next()
+            && alike.all(|entry| entry.set.address() == first.set.address())
+        {
+            return Ok(first);
         }
-        Err(no_such(&file.path, name, self.sets.iter().map(Entry::listed).collect(), &self.rest()))
+        Err(no_such(&file.path, name, self.listed_sets().map(Entry::listed).collect(), &self.rest()))
     }
 
     /// The dataset that the file means, or its only volume; `true` for the latter.
@@ -203,17 +244,22 @@ impl Tree {
         }
         let helpers = self.helpers();
         let volumes: Vec<&Entry> =
-            self.sets.iter().filter(|entry| entry.is_volume() && !helpers.contains(&entry.path)).collect();
+            self.listed_sets().filter(|entry| entry.is_volume() && !helpers.contains(&entry.path)).collect();
         match &volumes[..] {
             // What cannot be read may be a volume, too.
             [entry] if !self.is_cut && self.unread.is_empty() => Ok((entry, true)),
             [] if !self.unread.is_empty() => Err(self.problem_of(0)),
-            [] => Err(none(&file.path, &self.sets.iter().map(Entry::listed).collect::<Vec<_>>(), &self.rest())),
+            [] => Err(none(&file.path, &self.listed_sets().map(Entry::listed).collect::<Vec<_>>(), &self.rest())),
             volumes => {
                 let volumes: Vec<Listed> = volumes.iter().map(|entry| entry.listed()).collect();
                 Err(several(&file.path, &volumes, &self.rest()))
             }
         }
+    }
+
+    /// Datasets, each once.
+    fn listed_sets(&self) -> impl Iterator<Item = &Entry> {
+        self.sets.iter().filter(|entry| !entry.is_link)
     }
 
     /// Datasets that others name as their bounds, coordinates and the like (NetCDF's CF conventions).
@@ -237,7 +283,8 @@ impl Tree {
         }
         let is_data = |group: &&GroupEntry| text(&group.attributes, "NX_class").is_some_and(|class| class == "NXdata");
         let mut plots = self.groups.iter().filter(is_data).filter_map(|group| self.signal_of(&group.path));
-        plots.next().filter(|_| plots.next().is_none())
+        let first = plots.next()?;
+        plots.all(|plot| plot.set.address() == first.set.address()).then_some(first)
     }
 
     /// The dataset that a group's `signal` names, or that says so itself, as old files have it.
@@ -248,7 +295,7 @@ impl Tree {
             None => self.sets.iter().find(|entry| {
                 let says = number(&entry.attributes, "signal") == Some(1.0)
                     || texts(&entry.attributes, "signal").first().is_some_and(|text| text == "1");
-                parent_of(&entry.path) == group && says
+                parent_of(&entry.path) == self.group(group).map_or(group, |group| &group.path) && says
             }),
         };
         found.filter(|entry| entry.is_volume())
