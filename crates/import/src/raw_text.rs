@@ -99,6 +99,8 @@ impl Fields {
         let text = text_of(path, "description of a raw file")?;
         serde_json::from_str(&text)
             .map_err(|error| {
+            // Fields are no options, which stand in such quotes.
+            let error = error.to_string().replace('`', "'");
             let problem = format!("is no description of a raw file: {error}; correct it, or pass `shape` and `voxel_type` with the raw file");
             ImportError::invalid(path, problem)
         })

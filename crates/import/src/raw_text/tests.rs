@@ -84,7 +84,7 @@ fn texts_that_say_too_little_or_too_much_are_refused() {
         opened(&folder.path().join("a.json")).err().unwrap()
     };
     let with = |from: &str, to: &str| refusal(&TEXT.replace(from, to));
-    assert!(with(r#""unit""#, r#""units""#).contains("unknown field `units`"));
+    assert!(with(r#""unit""#, r#""units""#).contains("unknown field 'units'"));
     assert!(with(r#""times": 3"#, r#""times": 3, "times": 3"#).contains("duplicate field"));
     assert!(with("[4, 3, 2]", "[4, 3]").contains("a.json: is no description"));
     assert!(with("i16", "i128").contains("dtype 'i128'"));
