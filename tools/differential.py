@@ -118,11 +118,12 @@ def main():
     from differential_arrays import KINDS
     from differential_cases import all_collection_cases
     from differential_channels import KINDS as CHANNEL_KINDS
+    from differential_hdf5 import KINDS as HDF5_KINDS
     from differential_written import written_cases
     from differential_check import Checker
 
     cases = all_collection_cases(DATA) + list(written_cases(a.out / "written", a.random, a.seed))
-    cases += written_cases(a.out / "written", a.random, a.seed, KINDS + CHANNEL_KINDS)
+    cases += written_cases(a.out / "written", a.random, a.seed, KINDS + CHANNEL_KINDS + HDF5_KINDS)
     cases = [c for c in cases if not a.names or any(n in c.name for n in a.names)]
     checker = Checker(a.brickyard, a.out / "work", a.memory, a.timeout)
     results = []
