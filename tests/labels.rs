@@ -416,7 +416,11 @@ fn files_that_say_so_are_labels() {
         let (code, _, stderr) = sandbox.run(&format!("{line} --progress none"));
         assert_eq!(code, 0, "{line}: {stderr}");
         assert_eq!(kind_of(store), kind, "{line}");
-        assert_eq!(stderr.contains("NIFTI_INTENT_LABEL") && stderr.contains("--kind image"), is_said, "{line}: {stderr}");
+        assert_eq!(
+            stderr.contains("NIFTI_INTENT_LABEL") && stderr.contains("--kind image"),
+            is_said,
+            "{line}: {stderr}"
+        );
     }
     let plan = sandbox.run_ok("pack labels.nii e.zarr --dry-run --json");
     assert!(plan.contains("NIFTI_INTENT_LABEL"), "{plan}");

@@ -1,4 +1,4 @@
-//! Filters of chunks, undone one by one: the parser's own (deflate, shuffle, Fletcher-32, szip, n-bit, scale-offset, LZ4), and LZF,
+//! Filters of chunks, undone one by one: the parser's own (deflate, shuffle, Fletcher-32, szip, n-bit, scale-offset), and LZF, LZ4,
 //! bitshuffle, Zstandard and Blosc here. No stage may grow beyond a bound. Costs one copy of the chunk per filter.
 
 use super::blosclz;
@@ -8,12 +8,13 @@ use hdf5_reader::filters::{FILTER_FLETCHER32, FILTER_SHUFFLE, fletcher32, shuffl
 use hdf5_reader::messages::filter_pipeline::FilterDescription;
 
 const LZF: u16 = 32000;
+const LZ4: u16 = 32004;
 const BLOSC: u16 = 32001;
 const BITSHUFFLE: u16 = 32008;
 const ZSTD: u16 = 32015;
 
 /// Filters undone by the parser.
-const OF_PARSER: [u16; 7] = [1, 2, 3, 4, 5, 6, 32004];
+const OF_PARSER: [u16; 6] = [1, 2, 3, 4, 5, 6];
 
 /// Registered filters, for messages.
 const NAMES: &[(u16, &str)] = &[
@@ -65,7 +66,7 @@ pub(super) fn check(filters: &[FilterDescription]) -> Result<(), String> {
     if filters.iter().any(|filter| filter.id == BLOSC && filter.client_data.get(6) == Some(&3)) {
         return Err(format!("the filter {BLOSC} (Blosc with Snappy)"));
     }
-    let is_known = |id: u16| OF_PARSER.contains(&id) || [LZF, BLOSC, BITSHUFFLE, ZSTD].contains(&id);
+    let is_known = |id: u16| OF_PARSER.contains(&id) || [LZF, LZ4, BLOSC, BITSHUFFLE, ZSTD].contains(&id);
     let Some(filter) = filters.iter().find(|filter| !is_known(filter.id)) else { return Ok(()) };
     let of_table = NAMES.iter().find(|(id, _)| *id == filter.id).map(|(_, name)| *name);
     Err(match of_table.or(filter.name.as_deref().map(str::trim).filter(|name| !name.is_empty())) {
@@ -98,6 +99,8 @@ pub(super) fn undo(
             }
             FILTER_FLETCHER32 => fletcher32::verify_and_strip(input).map_err(|error| error.to_string())?,
             LZF => lzf(input, bound).ok_or("damaged LZF data")?,
+            // The parser reads chunks of one block alone.
+            LZ4 => lz4(input, bound).ok_or("damaged LZ4 data")?,
             BLOSC => of_blosc(input, bound)?,
             BITSHUFFLE => bitshuffle(input, &filter.client_data, bound).ok_or("damaged bitshuffle data")?,
             ZSTD => zstd::bulk::decompress(input, bound).map_err(|error| format!("damaged Zstandard data: {error}"))?,
@@ -142,6 +145,27 @@ fn lzf(input: &[u8], bound: usize) -> Option<Vec<u8>> {
             }
         }
         if output.len() > bound {
+            return None;
+        }
+    }
+    Some(output)
+}
+
+/// Undoes LZ4: after the chunk's size and a block's, the blocks, each behind its coded size. One that is not smaller is plain.
+fn lz4(input: &[u8], bound: usize) -> Option<Vec<u8>> {
+    let (total, rest) = input.split_at_checked(8)?;
+    let (block, mut rest) = rest.split_at_checked(4)?;
+    let total = usize::try_from(u64::from_be_bytes(total.try_into().ok()?)).ok().filter(|total| *total <= bound)?;
+    let block = u32::from_be_bytes(block.try_into().ok()?) as usize;
+    let mut output = vec![0; total];
+    for part in output.chunks_mut(block.max(1)) {
+        let (length, after) = rest.split_at_checked(4)?;
+        let length = u32::from_be_bytes(length.try_into().ok()?) as usize;
+        let (coded, after) = after.split_at_checked(length)?;
+        rest = after;
+        if coded.len() == part.len() {
+            part.copy_from_slice(coded);
+        } else if lz4_flex::block::decompress_into(coded, part).ok()? != part.len() {
             return None;
         }
     }
@@ -289,6 +313,21 @@ mod tests {
             assert_eq!(lzf(&coded[..length], 100), None, "{length}");
         }
         assert_eq!(lzf(&[1 << 5, 0], 9), None, "before the start");
+    }
+
+    #[test]
+    fn blocks_of_lz4_follow_one_another() {
+        let coded = lz4_flex::block::compress(&[7; 40]);
+        let size = |n: usize| (n as u32).to_be_bytes();
+        let head = [&90u64.to_be_bytes()[..], &size(40)].concat();
+        let blocks = [&size(coded.len())[..], &coded, &size(40), &[8; 40], &size(10), &[9; 10]].concat();
+        let whole = [head.clone(), blocks].concat();
+        let expected = [vec![7; 40], vec![8; 40], vec![9; 10]].concat();
+        assert_eq!(undo(&whole, &[filter(LZ4, &[40])], 0, 1, 90), Ok(expected));
+        for length in 0..whole.len() {
+            assert_eq!(lz4(&whole[..length], 90), None, "{length}");
+        }
+        assert_eq!(lz4(&whole, 89), None, "beyond the bound");
     }
 
     #[test]
