@@ -15,12 +15,15 @@ use std::fs::File;
 use std::io::{BufRead, BufReader, BufWriter, Read, Write};
 use std::path::{Path, PathBuf};
 
+/// Most decoded bytes of a coded one: deflate's best, of which no other coding comes near.
+const MOST_RATIO: u64 = 1032;
+
 /// An array's bytes, as they are or coded. `path` is the file named in messages.
 pub(crate) enum Body {
     /// A file's own bytes.
     Plain { path: PathBuf },
-    /// Bytes from a decoder.
-    Coded { path: PathBuf, stream: Box<dyn Read> },
+    /// Bytes from a decoder of at most so many.
+    Coded { path: PathBuf, coded_bytes: u64, stream: Box<dyn Read> },
     /// Bytes of several files.
     Joined { path: PathBuf, files: u64, stream: Box<dyn Read> },
 }
@@ -35,11 +38,12 @@ impl Body {
     /// Opens a file, to be inflated if it starts like gzip.
     pub(crate) fn open(path: &Path) -> Result<Self> {
         let file = File::open(path).map_err(ImportError::io(path))?;
+        let coded_bytes = file.metadata().map_err(ImportError::io(path))?.len();
         let mut file = BufReader::with_capacity(1 << 18, file);
         let start = file.fill_buf().map_err(ImportError::io(path))?;
         let path = path.to_owned();
         Ok(match start.starts_with(&[0x1f, 0x8b]) {
-            true => Self::Coded { path, stream: Box::new(GzipMembers::new(file)) },
+            true => Self::Coded { path, coded_bytes, stream: Box::new(GzipMembers::new(file)) },
             false => Self::Plain { path },
         })
     }
@@ -89,10 +93,11 @@ impl Body {
                 }
                 Ok(MappedBody { file, trailing_bytes: length - expected })
             }
-            Self::Coded { path, stream } | Self::Joined { path, stream, .. } => {
-                let (scratch, trailing_bytes) = decode(stream, &path, array, options)?;
-                Ok(MappedBody { file: MappedFile::of_scratch(&path, &scratch)?, trailing_bytes })
+            Self::Coded { path, coded_bytes, stream } => {
+                check_ratio(coded_bytes, &path, array)?;
+                decode(stream, &path, array, options)
             }
+            Self::Joined { path, stream, .. } => decode(stream, &path, array, options),
         }
     }
 }
@@ -112,8 +117,20 @@ fn end_bytes(array: &ArrayLayout, path: &Path) -> Result<u64> {
     array.end_bytes().map_err(|problem| ImportError::invalid(path, problem))
 }
 
+/// Refuses sizes that no coding reaches, before scratch space is sought for them.
+fn check_ratio(coded_bytes: u64, path: &Path, array: &ArrayLayout) -> Result<()> {
+    let (expected, most) = (end_bytes(array, path)?, coded_bytes.saturating_mul(MOST_RATIO));
+    if expected > most {
+        let problem = format!(
+            "damaged: {coded_bytes} compressed bytes cannot hold the {expected} of its header; fetch the file again"
+        );
+        return Err(ImportError::invalid(path, problem));
+    }
+    Ok(())
+}
+
 /// Decodes or joins an array into a scratch file and counts the bytes after it, thus verifying the stream's final checksum.
-fn decode(mut stream: Box<dyn Read>, path: &Path, array: &ArrayLayout, options: &OpenOptions) -> Result<(File, u64)> {
+fn decode(mut stream: Box<dyn Read>, path: &Path, array: &ArrayLayout, options: &OpenOptions) -> Result<MappedBody> {
     let expected = end_bytes(array, path)?;
     let directory = options.scratch_dir.clone().unwrap_or_else(std::env::temp_dir);
     check_space(&directory, expected)?;
@@ -142,7 +159,7 @@ fn decode(mut stream: Box<dyn Read>, path: &Path, array: &ArrayLayout, options: 
         return Err(ImportError::invalid(path, cut_short(array, expected, written)));
     }
     let scratch = scratch.into_inner().map_err(|e| ImportError::scratch(&directory)(e.into_error()))?;
-    Ok((scratch, trailing))
+    Ok(MappedBody { file: MappedFile::of_scratch(path, &scratch)?, trailing_bytes: trailing })
 }
 
 /// Refuses in advance to fill the disk.

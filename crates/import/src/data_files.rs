@@ -65,7 +65,8 @@ impl DataFiles {
             return Ok(Body::Plain { path: path.clone() });
         }
         array.offset = self.start.decoded;
-        Ok(Body::Coded { path: path.clone(), stream: self.stream(path, bytes)? })
+        let coded_bytes = Stamp::of(path)?.bytes;
+        Ok(Body::Coded { path: path.clone(), coded_bytes, stream: self.stream(path, bytes)? })
     }
 
     /// States of all files, to be checked once the data have been read.
@@ -185,8 +186,8 @@ pub(crate) fn numbered(pattern: &str, number: i64) -> Option<String> {
     Some(format!("{before}{number}{after}"))
 }
 
-/// Refuses a data file that is missing, or none: a device has no end.
-fn check_file(header: &Path, path: &Path) -> Result<()> {
+/// Refuses a data file that is missing, or none: a device has no end, and a pipe waits.
+pub(crate) fn check_file(header: &Path, path: &Path) -> Result<()> {
     match std::fs::metadata(path) {
         Ok(data) if data.is_file() => Ok(()),
         Ok(_) => Err(ImportError::invalid(header, format!("its data file {} is no regular file", path.display()))),

@@ -26,6 +26,7 @@ use crate::axes::{Axis, Sizes};
 use crate::cf::axes::{Dim, order_of};
 use crate::cf::place::place;
 use crate::cf::values_of;
+use crate::data_files::check_file;
 use crate::error::{ImportError, Result};
 use crate::files::first_bytes;
 use crate::mirrored::Mirrored;
@@ -63,6 +64,7 @@ pub(crate) fn is_spim_data(path: &Path) -> Result<bool> {
 /// Opens the HDF5 file of BigDataViewer's XML.
 pub(crate) fn open_spim_data(path: &Path, options: &OpenOptions) -> Result<Box<dyn Source>> {
     let told = spim_data::read(path)?;
+    check_file(path, &told.hdf5)?;
     let file = File::open(&told.hdf5)?;
     let views = Views { setups: told.setups.clone(), times: told.times.clone() };
     let opened = bdv::open(&file, views, Some((path, &told)), options);

@@ -48,7 +48,8 @@ pub(crate) fn open(path: &Path, options: &OpenOptions) -> Result<RawSource> {
         array.offset = array.offset.saturating_add(start);
         RawSource::new(MappedFile::open(path)?, array, info)?.with_losses(None, options)?
     } else {
-        Body::Coded { path: place, stream: member.reader(path)? }.source(array, info, options)?
+        Body::Coded { path: place, coded_bytes: member.stored_bytes, stream: member.reader(path)? }
+            .source(array, info, options)?
     };
     stamp.check(path)?;
     Ok(source)

@@ -538,7 +538,7 @@ mod tests {
     }
 
     proptest! {
-        #![proptest_config(ProptestConfig { cases: 300, failure_persistence: None, ..ProptestConfig::default() })]
+        #![proptest_config(crate::testing::cases(300))]
 
         /// Damage leads to an error or wrong voxels, never to a panic.
         #[test]

@@ -109,6 +109,39 @@ pub(crate) fn temp_file(name: &str, bytes: &[u8]) -> (tempfile::TempDir, PathBuf
     (folder, path)
 }
 
+/// Settings of a test with so many cases, or with those of `PROPTEST_CASES`.
+pub(crate) fn cases(usual: u32) -> Config {
+    let told = Config::default().cases;
+    let cases = if std::env::var_os("PROPTEST_CASES").is_some() { told } else { usual };
+    Config { cases, failure_persistence: None, ..Config::default() }
+}
+
+/// Changed bytes of a damaged file: their places and new values.
+pub(crate) type Damage = Vec<(prop::sample::Index, u8)>;
+
+/// One to five changed bytes.
+pub(crate) fn some_damage() -> impl Strategy<Value = Damage> {
+    prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..6)
+}
+
+/// Changes these bytes.
+pub(crate) fn spoil(bytes: &mut [u8], damage: &Damage) {
+    for (place, value) in damage {
+        bytes[place.index(bytes.len())] = *value;
+    }
+}
+
+/// Reads the last step and channel of a damaged input, if it can still be opened and is small. Errors are expected, panics are not.
+pub(crate) fn try_to_read(inputs: &[PathBuf]) {
+    let Ok(source) = open(inputs, &OpenOptions { allow_lossy: true, ..OpenOptions::default() }) else { return };
+    let info = source.info();
+    let full = info.extent.full_box();
+    if full.extent().volume() < 1 << 20 {
+        let mut out = vec![0; full.extent().volume() as usize * info.voxel_type.bytes()];
+        let _ = source.read_box(info.times - 1, info.channels - 1, full, &mut out);
+    }
+}
+
 /// Reruns the test of this name in a process of its own, to measure its memory, on a file made by `write`. Returns
 /// the file in the new process, and `None` in the parent.
 pub(crate) fn alone_with(name: &str, write: impl FnOnce(&Path)) -> Option<PathBuf> {

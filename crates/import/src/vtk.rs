@@ -17,6 +17,7 @@ mod xml;
 
 use crate::axes::{Axis, AxisOrder, Sizes};
 use crate::body::{self, Body};
+use crate::data_files::check_file;
 use crate::direct::is_plain;
 use crate::element::{Decode, Element, Endian};
 use crate::error::{ImportError, Result};
@@ -83,9 +84,10 @@ pub(crate) fn open_collection(path: &Path, options: &OpenOptions) -> Result<Box<
         return Err(ImportError::options(path, problem));
     }
     let paths: Vec<_> = steps.iter().map(|step| step.path.clone()).collect();
-    for path in &paths {
-        if format_of(path)? == Some(Format::Pvd) {
-            return Err(ImportError::unsupported_but(path, "a collection within a collection", "name its files"));
+    for file in &paths {
+        check_file(path, file)?;
+        if format_of(file)? == Some(Format::Pvd) {
+            return Err(ImportError::unsupported_but(file, "a collection within a collection", "name its files"));
         }
     }
     // A file may stand for several steps, so they are counted.
@@ -227,7 +229,8 @@ impl Piece {
             }
             place => stream_of(place, layout.decode.element, bytes, path)?,
         };
-        Body::Coded { path: path.to_owned(), stream }.source(layout, info, options)
+        let coded_bytes = std::fs::metadata(path).map_err(ImportError::io(path))?.len();
+        Body::Coded { path: path.to_owned(), coded_bytes, stream }.source(layout, info, options)
     }
 }
 

@@ -3,10 +3,12 @@
 use super::tests::{Folder, Written, voxels};
 use crate::open::open;
 use crate::options::OpenOptions;
+use crate::testing::{some_damage, spoil, try_to_read};
 use brickyard_volume::{VoxelBox, VoxelType};
 use dicom_core::{DataElement, PrimitiveValue, Tag, VR};
 use dicom_dictionary_std::{tags, uids};
 use glam::DVec3;
+use proptest::prelude::*;
 
 /// Siemens' own header, with these elements among others.
 fn csa(elements: &[(&str, &[&str])]) -> Vec<u8> {
@@ -114,4 +116,21 @@ fn a_mosaic_whose_header_is_not_enough_is_refused_by_name() {
     let mut thin = mosaic(Some(csa(&[("NumberOfImagesInMosaic", &["7"]), normal])));
     thin.0.remove_element(tags::SPACING_BETWEEN_SLICES);
     Folder::of([thin]).refused(&["SpacingBetweenSlices", "`spacing`"]);
+}
+
+proptest! {
+    #![proptest_config(crate::testing::cases(200))]
+
+    /// Damage of the scanner's own header leads to an error or other slices, never to a panic.
+    #[test]
+    fn damaged_mosaics_do_not_panic(damage in some_damage(), own in some_damage()) {
+        let mut header = csa(&[("NumberOfImagesInMosaic", &["7"]), ("SliceNormalVector", &["0.0", "0.0", "1.0"])]);
+        spoil(&mut header, &own);
+        let folder = Folder::of([mosaic(Some(header))]);
+        try_to_read(&[folder.file(0)]);
+        let mut bytes = std::fs::read(folder.file(0)).unwrap();
+        spoil(&mut bytes[132..], &damage);
+        std::fs::write(folder.file(0), bytes).unwrap();
+        try_to_read(&[folder.file(0)]);
+    }
 }

@@ -1016,7 +1016,7 @@ fn cut_files_are_refused_wherever_they_are_cut() {
 }
 
 proptest::proptest! {
-    #![proptest_config(proptest::prelude::ProptestConfig { cases: 400, failure_persistence: None, ..Default::default() })]
+    #![proptest_config(crate::testing::cases(400))]
 
     /// Damage leads to an error or wrong voxels, never to a panic or excessive memory.
     #[test]

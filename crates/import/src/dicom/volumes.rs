@@ -174,7 +174,7 @@ fn refine(
     Ok(())
 }
 
-/// The order of values: by their numbers, or else as texts.
+/// The order of values: those of numbers by these, then those of texts.
 fn by_number(a: &[String], b: &[String]) -> std::cmp::Ordering {
     let numbers = |value: &[String]| value.iter().map(|part| part.parse::<f64>().ok()).collect::<Option<Vec<f64>>>();
     match (numbers(a), numbers(b)) {
@@ -182,7 +182,8 @@ fn by_number(a: &[String], b: &[String]) -> std::cmp::Ordering {
             let parts = x.iter().zip(&y).map(|(x, y)| x.total_cmp(y));
             parts.fold(std::cmp::Ordering::Equal, std::cmp::Ordering::then).then(x.len().cmp(&y.len()))
         }
-        _ => a.cmp(b),
+        // Numbers among texts as texts would be no order at all: 9, 10, 1a, 9.
+        (x, y) => y.is_some().cmp(&x.is_some()).then_with(|| a.cmp(b)),
     }
     .then_with(|| a.cmp(b))
 }

@@ -3,11 +3,12 @@
 use super::tests::{Folder, Written, enhanced, open_with, voxels};
 use crate::options::{Gaps, OpenOptions};
 use crate::source::Source;
-use crate::testing::{is_warned, said};
+use crate::testing::{is_warned, said, some_damage, spoil, try_to_read};
 use dicom_core::{Tag, VR};
 use dicom_dictionary_std::{tags, uids};
 use dicom_object::InMemDicomObject;
 use glam::DVec3;
+use proptest::prelude::*;
 
 /// First voxel of each slice of a volume.
 fn firsts(source: &dyn Source, time: u32, channel: u32) -> Vec<f64> {
@@ -112,6 +113,18 @@ fn kinds_of_image_become_channels() {
     is(tags::DIFFUSION_B_VALUE, VR::DS, ["0", "1000"], ["b 0", "b 1000"]);
     is(tags::IMAGE_TYPE, VR::CS, ["ORIGINAL\\PRIMARY\\M", "ORIGINAL\\PRIMARY\\P"], ["M", "P"]);
     is(tags::KVP, VR::DS, ["80", "140"], ["80 kV", "140 kV"]);
+}
+
+#[test]
+fn numbers_among_texts_come_first() {
+    let numbers = (1..=10).map(|n: u32| n.to_string());
+    let mut texts: Vec<String> = (1..=10).flat_map(|n| [format!("{n}A"), format!("{n}B")]).collect();
+    let changes: Vec<String> = texts.iter().cloned().chain(numbers.clone().rev()).collect();
+    texts.sort();
+    let changes: Vec<_> = changes.iter().map(|value| [(tags::ECHO_TIME, VR::DS, &**value)]).collect();
+    let (_folder, source) = Folder::opened(each_twice(&changes.iter().map(|change| &change[..]).collect::<Vec<_>>()));
+    let found: Vec<_> = source.info().channel_looks.iter().map(|look| look.name.clone().unwrap()).collect();
+    assert_eq!(found, numbers.chain(texts).map(|value| format!("TE {value} ms")).collect::<Vec<_>>());
 }
 
 #[test]
@@ -269,4 +282,26 @@ fn frames_are_steps_or_stacks() {
     // Parts of one volume need no choice.
     save(enhanced_with(tags::STACK_ID, VR::SH, ["A", "B"], ["5", "6"]));
     assert_eq!(firsts(&*open(None).unwrap(), 0, 0), [0.0, 12.0]);
+}
+
+proptest! {
+    #![proptest_config(crate::testing::cases(100))]
+
+    /// Damage of one slice or several leads to an error or other volumes, never to a panic.
+    #[test]
+    fn damaged_series_do_not_panic(damages in prop::collection::vec((0..8usize, some_damage()), 1..4)) {
+        let steps = ["1", "2"].map(|step| [
+            (tags::TEMPORAL_POSITION_IDENTIFIER, VR::IS, step),
+            (tags::ACQUISITION_TIME, VR::TM, step),
+            (tags::ECHO_TIME, VR::DS, "2.5"),
+        ]);
+        let echoes = steps.map(|[step, time, _]| [step, time, (tags::ECHO_TIME, VR::DS, "10")]);
+        let folder = Folder::of(each_twice(&[&steps[0], &steps[1], &echoes[0], &echoes[1]]));
+        for (file, damage) in damages {
+            let mut bytes = std::fs::read(folder.file(file)).unwrap();
+            spoil(&mut bytes[132..], &damage);
+            std::fs::write(folder.file(file), bytes).unwrap();
+        }
+        try_to_read(&[folder.0.path().to_owned()]);
+    }
 }

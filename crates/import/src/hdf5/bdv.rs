@@ -19,10 +19,14 @@ use brickyard_volume::{ChannelLook, Extent, VoxelType};
 use glam::DVec3;
 use hdf5_reader::Dataset;
 use hdf5_reader::error::Error;
+use std::collections::HashSet;
 use std::path::Path;
 
 /// Largest relative difference of equal sizes and places.
 const EQUAL: f64 = 1e-6;
+
+/// Most views opened, each a dataset: an XML of one line can tell of millions.
+const MOST_VIEWS: usize = 1 << 20;
 
 /// Setups and time points of a file.
 pub(super) struct Views {
@@ -101,6 +105,11 @@ pub(super) fn open(
             ImportError::options(&file.path, problem)
         };
         views.setups = vec![setup_of(&views, name).ok_or_else(none)?];
+    }
+    let count = views.setups.len().saturating_mul(views.times.len());
+    if count > MOST_VIEWS {
+        let advice = "name one setup with `variable`, or export fewer time points";
+        return Err(ImportError::unsupported_but(&file.path, format!("BigDataViewer's file of {count} views"), advice));
     }
     check_alike(file, &views, told.map(|(_, told)| told))?;
     let First { set: first, stored } = first_of(file, views.times[0], views.setups[0].id)?;
@@ -185,8 +194,8 @@ fn listed(file: &File, views: &Views) -> String {
 
 /// Refuses setups that are not channels of one volume, and views without voxels.
 fn check_alike(file: &File, views: &Views, told: Option<&SpimData>) -> Result<()> {
-    let is_wanted = |setup: u32| views.setups.iter().any(|wanted| wanted.id == setup);
-    if let Some((time, setup)) = told.and_then(|told| told.missing.iter().find(|(_, setup)| is_wanted(*setup))) {
+    let wanted: HashSet<u32> = views.setups.iter().map(|setup| setup.id).collect();
+    if let Some((time, setup)) = told.and_then(|told| told.missing.iter().find(|(_, setup)| wanted.contains(setup))) {
         let advice = "name a setup without missing views with `variable`";
         let feature = format!("a missing view (time point {time} of setup {setup})");
         return Err(ImportError::unsupported_but(&file.path, feature, advice));

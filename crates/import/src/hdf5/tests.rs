@@ -4,13 +4,14 @@ use super::open;
 use crate::open::open as open_any;
 use crate::options::{NoData, OpenOptions};
 use crate::source::Access;
-use crate::testing::{Field, assert_boxes, said, temp_file};
+use crate::testing::{Damage, Field, assert_boxes, said, some_damage, spoil, temp_file, try_to_read};
 use brickyard_volume::VoxelType;
 use hdf5_reader::checksum::jenkins_lookup3;
 use proptest::prelude::*;
 use std::path::Path;
 
 const UNDEFINED: u64 = u64::MAX;
+const OLD_SUPERBLOCK_BYTES: usize = 96;
 
 /// A file under construction.
 struct Builder {
@@ -70,6 +71,11 @@ fn text_attribute(name: &str, text: &str) -> Vec<u8> {
     attribute(name, &[0x13, 0, 0, 0, text.len() as u8, 0, 0, 0], &[1], text.as_bytes())
 }
 
+/// A text as an array of characters, as Imaris has it.
+fn letters_attribute(name: &str, text: &str) -> Vec<u8> {
+    attribute(name, &[0x13, 0, 0, 0, 1, 0, 0, 0], &[text.len() as u64], text.as_bytes())
+}
+
 fn number_attribute(name: &str, numbers: &[f64]) -> Vec<u8> {
     let double = [0x11, 0x20, 63, 0, 8, 0, 0, 0, 0, 0, 64, 0, 52, 11, 0, 52, 0xff, 3, 0, 0];
     let data: Vec<u8> = numbers.iter().flat_map(|number| number.to_le_bytes()).collect();
@@ -82,7 +88,8 @@ fn link((name, at): &(&str, u64)) -> Vec<u8> {
 
 impl Builder {
     fn new() -> Self {
-        Self { bytes: vec![0; 48], links: Vec::new(), attributes: Vec::new() }
+        // The longer of the superblocks.
+        Self { bytes: vec![0; OLD_SUPERBLOCK_BYTES], links: Vec::new(), attributes: Vec::new() }
     }
 
     fn put(&mut self, bytes: &[u8]) -> u64 {
@@ -198,6 +205,35 @@ impl Builder {
         .concat();
         self.bytes[..44].copy_from_slice(&start);
         self.bytes[44..48].copy_from_slice(&jenkins_lookup3(&start).to_le_bytes());
+        self.bytes
+    }
+}
+
+impl Builder {
+    /// The file as libraries before 1.8 write it: superblock 0, and a root group by a symbol table, a B-tree and a heap of names.
+    fn finish_old(mut self) -> Vec<u8> {
+        self.links.sort_unstable();
+        let mut names = vec![0; 8];
+        let mut symbols = [&b"SNOD\x01\0"[..], &(self.links.len() as u16).to_le_bytes()].concat();
+        let mut last = 0u64;
+        for (name, at) in &self.links {
+            last = names.len() as u64;
+            symbols.extend([&last.to_le_bytes()[..], &at.to_le_bytes(), &[0; 24]].concat());
+            names.extend(name.bytes());
+            names.resize(names.len() / 8 * 8 + 8, 0);
+        }
+        let symbols = self.put(&symbols);
+        let ends = [UNDEFINED, UNDEFINED, 0, symbols, last].map(u64::to_le_bytes).concat();
+        let tree = self.put(&[&b"TREE\0\0\x01\0"[..], &ends].concat());
+        let segment = self.put(&names);
+        let parts = [names.len() as u64, UNDEFINED, segment].map(u64::to_le_bytes).concat();
+        let heap = self.put(&[&b"HEAP\0\0\0\0"[..], &parts].concat());
+        let table = [&[0x11, 0, 16, 0, 0, 0, 0, 0][..], &tree.to_le_bytes(), &heap.to_le_bytes()].concat();
+        let root = self.put(&[&[1, 0, 1, 0, 1, 0, 0, 0, 24, 0, 0, 0, 0, 0, 0, 0][..], &table].concat());
+        let end = self.bytes.len() as u64;
+        let places = [0, UNDEFINED, end, UNDEFINED, 0, root, 0, 0, 0].map(u64::to_le_bytes).concat();
+        let start = [&b"\x89HDF\r\n\x1a\n\0\0\0\0\0\x08\x08\0\x04\0\x10\0\0\0\0\0"[..], &places].concat();
+        self.bytes[..OLD_SUPERBLOCK_BYTES].copy_from_slice(&start);
         self.bytes
     }
 }
@@ -360,11 +396,6 @@ fn floats(numbers: &[f32]) -> Vec<u8> {
     numbers.iter().flat_map(|number| number.to_le_bytes()).collect()
 }
 
-/// Single characters, as an array of texts.
-fn letters_attribute(name: &str, letters: &str) -> Vec<u8> {
-    attribute(name, &[0x13, 0, 0, 0, 1, 0, 0, 0], &[letters.len() as u64], letters.as_bytes())
-}
-
 /// Adds coordinates from 1 on.
 fn line(made: Builder, name: &'static str, count: u64, step: f32) -> Builder {
     let numbers: Vec<f32> = (0..count).map(|n| 1.0 + n as f32 * step).collect();
@@ -525,6 +556,25 @@ fn of_bdv(sizes: [&[u64; 3]; 2]) -> Vec<u8> {
     bdv_builder(sizes).finish()
 }
 
+/// BigDataViewer's XML of one setup at two time points in `a.h5`, with their last transforms.
+fn spim_data(loader: &str, unit: &str, affines: [&str; 2], more: &str) -> String {
+    let places: String = (0..2)
+        .map(|time| {
+            let transform =
+                |affine: &str| format!("<ViewTransform type=\"affine\"><affine>{affine}</affine></ViewTransform>");
+            let (shift, scale) = (transform(affines[time]), transform("0.5 0 0 0 0 0.5 0 0 0 0 2 0"));
+            format!("<ViewRegistration timepoint=\"{time}\" setup=\"0\">{shift}{scale}</ViewRegistration>")
+        })
+        .collect();
+    format!(
+        "<?xml version=\"1.0\"?>\n<SpimData version=\"0.2\"><BasePath type=\"relative\">.</BasePath><SequenceDescription>\
+         <ImageLoader format=\"{loader}\"><hdf5 type=\"relative\">a.h5</hdf5></ImageLoader><ViewSetups><ViewSetup><id>0</id>\
+         <name>a &amp; b</name><size>4 3 2</size><voxelSize><unit>{unit}</unit><size>0.5 0.5 2.0</size></voxelSize>\
+         </ViewSetup></ViewSetups><Timepoints type=\"range\"><first>0</first><last>1</last></Timepoints>{more}\
+         </SequenceDescription><ViewRegistrations>{places}</ViewRegistrations></SpimData>"
+    )
+}
+
 #[test]
 fn views_of_bigdataviewer_are_steps_and_channels() {
     let (folder, path) = temp_file("a.h5", &of_bdv([&[2, 3, 4], &[2, 3, 4]]));
@@ -540,21 +590,7 @@ fn views_of_bigdataviewer_are_steps_and_channels() {
     assert_eq!(open(&path, &told).unwrap().info().voxel_type, VoxelType::U16, "named by its path, too");
     let xml = folder.path().join("a.xml");
     let open_xml = |loader: &str, unit: &str, affines: [&str; 2], more: &str| {
-        let places: String = (0..2)
-            .map(|time| {
-                let transform =
-                    |affine: &str| format!("<ViewTransform type=\"affine\"><affine>{affine}</affine></ViewTransform>");
-                let (shift, scale) = (transform(affines[time]), transform("0.5 0 0 0 0 0.5 0 0 0 0 2 0"));
-                format!("<ViewRegistration timepoint=\"{time}\" setup=\"0\">{shift}{scale}</ViewRegistration>")
-            })
-            .collect();
-        let text = format!(
-            "<?xml version=\"1.0\"?>\n<SpimData version=\"0.2\"><BasePath type=\"relative\">.</BasePath><SequenceDescription>\
-             <ImageLoader format=\"{loader}\"><hdf5 type=\"relative\">a.h5</hdf5></ImageLoader><ViewSetups><ViewSetup><id>0</id>\
-             <name>a &amp; b</name><size>4 3 2</size><voxelSize><unit>{unit}</unit><size>0.5 0.5 2.0</size></voxelSize>\
-             </ViewSetup></ViewSetups><Timepoints type=\"range\"><first>0</first><last>1</last></Timepoints>{more}\
-             </SequenceDescription><ViewRegistrations>{places}</ViewRegistrations></SpimData>"
-        );
+        let text = spim_data(loader, unit, affines, more);
         std::fs::write(&xml, text).unwrap();
         open_any(std::slice::from_ref(&xml), &none)
             .map(|source| source.info().clone())
@@ -588,39 +624,134 @@ fn views_of_bigdataviewer_are_steps_and_channels() {
     assert_eq!(open(&path, &told).unwrap().info().times, 2);
 }
 
-proptest! {
-    #![proptest_config(ProptestConfig { cases: 300, failure_persistence: None, ..ProptestConfig::default() })]
+/// One channel of 3 x 3 x 2 voxels, in a dataset padded along x.
+fn coloured_imaris() -> Vec<u8> {
+    let data: Vec<u8> = (0..24).collect();
+    let sizes = [("ImageSizeX", "3"), ("ImageSizeY", "3"), ("ImageSizeZ", "2")];
+    let place = [
+        ("ExtMin0", "-1"),
+        ("ExtMax0", "5"),
+        ("ExtMin1", "0"),
+        ("ExtMax1", "3"),
+        ("ExtMin2", "0"),
+        ("ExtMax2", "1"),
+        ("Unit", "um"),
+    ];
+    let look = [("Name", "dye"), ("Color", "1.0 0.5 0"), ("ColorRange", "0 99.5")];
+    let with = |made: Builder, texts: &[(&str, &str)]| {
+        texts.iter().fold(made, |made, (name, text)| made.with(letters_attribute(name, text)))
+    };
+    let kind = datatype(VoxelType::U8, false);
+    let mut made = Builder::new().set("Data", &kind, &[2, 3, 4], &data, Place::Chunks([2, 2, 2]));
+    made = with(made, &sizes).group("Channel 0", 0).group("TimePoint 0", 0);
+    made = made.group("ResolutionLevel 0", 0).group("DataSet", 0);
+    made = with(with(made, &place).group("Image", 1), &look).group("Channel 0", 2);
+    made.group("DataSetInfo", 1).finish()
+}
 
-    /// Damage leads to an error or wrong voxels, never to a panic. Checksums are made good, so that the damage is read.
-    #[test]
-    fn damaged_files_do_not_panic(
-        damage in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..6),
-        is_chunked in any::<bool>(),
-    ) {
-        let place = if is_chunked { Place::Chunks([1, 2, 3]) } else { Place::Piece };
-        let mut bytes = small(place).with(number_attribute("element_size_um", &[1.0, 2.0, 3.0])).finish();
-        for (place, value) in damage {
-            let place = place.index(bytes.len());
-            bytes[place] = value;
-        }
-        let starts: Vec<usize> = (0..bytes.len() - 10).filter(|at| bytes[*at..].starts_with(b"OHDR\x02\x02")).collect();
-        for start in starts {
-            let length = u32::from_le_bytes(bytes[start + 6..start + 10].try_into().unwrap()) as usize;
-            let end = (start + 10).saturating_add(length);
-            if end + 4 <= bytes.len() {
-                let sum = jenkins_lookup3(&bytes[start..end]);
-                bytes[end..end + 4].copy_from_slice(&sum.to_le_bytes());
-            }
-        }
-        let sum = jenkins_lookup3(&bytes[..44]);
-        bytes[44..48].copy_from_slice(&sum.to_le_bytes());
-        let (_folder, path) = temp_file("a.h5", &bytes);
-        if let Ok(source) = open(&path, &OpenOptions { allow_lossy: true, ..OpenOptions::default() }) {
-            let full = source.info().extent.full_box();
-            if full.extent().volume() < 1 << 20 {
-                let mut out = vec![0; full.extent().volume() as usize * source.info().voxel_type.bytes()];
-                let _ = source.read_box(0, 0, full, &mut out);
-            }
+#[test]
+fn images_of_imaris_are_read_without_padding() {
+    let (_folder, path) = temp_file("a.ims", &coloured_imaris());
+    let source = open_any(&[path], &OpenOptions::default()).unwrap();
+    let info = source.info();
+    let mut out = [0; 18];
+    source.read_box(0, 0, info.extent.full_box(), &mut out).unwrap();
+    assert_eq!((info.extent.to_array(), out[17]), ([3, 3, 2], 22));
+    assert_eq!(
+        (info.geometry.spacing, info.geometry.origin),
+        (glam::DVec3::new(2.0, 1.0, 0.5), glam::DVec3::new(0.0, 0.5, 0.25))
+    );
+    let look = &info.channel_looks[0];
+    assert_eq!((look.name.as_deref(), look.color, look.window), (Some("dye"), Some([255, 128, 0]), Some([0.0, 99.5])));
+}
+
+#[test]
+fn groups_of_old_libraries_are_read() {
+    let kind = datatype(VoxelType::U8, false);
+    let file = small(Place::Piece).set("mask", &kind, &[2, 3, 4], &[1; 24], Place::Piece).finish_old();
+    let (_folder, path) = temp_file("a.h5", &file);
+    let told = |name: &str| OpenOptions { variable: Some(name.into()), ..OpenOptions::default() };
+    let source = open(&path, &told("a")).unwrap();
+    let mut out = [0; 24];
+    source.read_box(0, 0, source.info().extent.full_box(), &mut out).unwrap();
+    assert_eq!(out[23], 23);
+    let message = refusal(&path, &OpenOptions::default());
+    assert!(message.contains("/a (2 x 3 x 4, u8), /mask (2 x 3 x 4, u8)"), "{message}");
+    assert!(refusal(&path, &told("MAS")).contains("of like names are /a (2 x 3 x 4, u8), /mask (2 x 3 x 4, u8)"));
+}
+
+#[test]
+fn views_in_too_great_a_number_are_refused() {
+    let (folder, _) = temp_file("a.h5", &of_bdv([&[2, 3, 4], &[2, 3, 4]]));
+    let xml = folder.path().join("a.xml");
+    let setups = "<ViewSetup><id>0</id></ViewSetup>".repeat(2);
+    let text = spim_data("bdv.hdf5", "um", ["1 0 0 0 0 1 0 0 0 0 1 0"; 2], "");
+    let text =
+        text.replace("<last>1</last>", "<last>1000000</last>").replace("</ViewSetups>", &(setups + "</ViewSetups>"));
+    std::fs::write(&xml, text).unwrap();
+    let message = refusal(&xml, &OpenOptions::default());
+    assert!(message.contains("3000003 views"), "{message}");
+}
+
+/// Makes the checksums of headers and of the superblock good, so that damage in them is read.
+fn mend_checksums(bytes: &mut [u8]) {
+    let starts: Vec<usize> = (0..bytes.len() - 10).filter(|at| bytes[*at..].starts_with(b"OHDR\x02\x02")).collect();
+    for start in starts {
+        let length = u32::from_le_bytes(bytes[start + 6..start + 10].try_into().unwrap()) as usize;
+        let end = (start + 10).saturating_add(length);
+        if end + 4 <= bytes.len() {
+            let sum = jenkins_lookup3(&bytes[start..end]);
+            bytes[end..end + 4].copy_from_slice(&sum.to_le_bytes());
         }
     }
+    if bytes[8] == 2 {
+        let sum = jenkins_lookup3(&bytes[..44]);
+        bytes[44..48].copy_from_slice(&sum.to_le_bytes());
+    }
+}
+
+proptest! {
+    #![proptest_config(crate::testing::cases(300))]
+
+    /// Damage leads to an error or wrong voxels, never to a panic.
+    #[test]
+    fn damaged_files_do_not_panic(damage in some_damage(), is_chunked in any::<bool>(), is_old in any::<bool>()) {
+        let place = if is_chunked { Place::Chunks([1, 2, 3]) } else { Place::Piece };
+        let made = small(place).with(number_attribute("element_size_um", &[1.0, 2.0, 3.0]));
+        let mut bytes = if is_old { made.finish_old() } else { made.finish() };
+        spoil(&mut bytes, &damage);
+        mend_checksums(&mut bytes);
+        let (_folder, path) = temp_file("a.h5", &bytes);
+        try_to_read(&[path]);
+    }
+
+    /// As above, of BigDataViewer's XML and the file that it names, and of Imaris.
+    #[test]
+    fn damaged_views_do_not_panic(
+        damage in some_damage(),
+        text_damage in damage_of_text(),
+        is_text in any::<bool>(),
+        is_imaris in any::<bool>(),
+    ) {
+        let missing = "<MissingViews><MissingView timepoint=\"1\" setup=\"7\"/></MissingViews>";
+        let mut text = spim_data("bdv.hdf5", "um", ["1 0 0 5 0 1 0 6 0 0 1 7"; 2], missing).into_bytes();
+        let mut bytes = if is_imaris && !is_text { coloured_imaris() } else { of_bdv([&[2, 3, 4], &[2, 3, 4]]) };
+        if is_text {
+            spoil(&mut text, &text_damage);
+        } else {
+            spoil(&mut bytes, &damage);
+            mend_checksums(&mut bytes);
+        }
+        let (folder, path) = temp_file("a.h5", &bytes);
+        let xml = folder.path().join("a.xml");
+        std::fs::write(&xml, text).unwrap();
+        try_to_read(&[xml]);
+        try_to_read(&[path]);
+    }
+}
+
+/// Changes of text, mostly to letters that have a meaning in it.
+fn damage_of_text() -> impl Strategy<Value = Damage> {
+    let letter = prop_oneof![any::<u8>(), prop::sample::select(&b"0123456789-:,.eE<>/\"&; "[..])];
+    prop::collection::vec((any::<prop::sample::Index>(), letter), 1..6)
 }

@@ -447,7 +447,7 @@ fn cut_and_damaged_files_are_refused() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 300, failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(crate::testing::cases(300))]
 
     /// Damage leads to an error or wrong voxels, never to a panic.
     #[test]

@@ -15,7 +15,8 @@ pub(super) struct Member {
     pub(super) name: String,
     /// Bytes when inflated, by the archive.
     pub(super) bytes: u64,
-    stored_bytes: u64,
+    /// Bytes in the archive.
+    pub(super) stored_bytes: u64,
     start: u64,
     is_stored: bool,
     checksum: u32,
@@ -43,6 +44,10 @@ impl Member {
         let (bytes, stored_bytes, checksum) = (file.size(), file.compressed_size(), file.crc32());
         if is_stored && bytes != stored_bytes {
             return Err(damaged(format!("{name} has {bytes} bytes, but {stored_bytes} are stored")));
+        }
+        let length = std::fs::metadata(path).map_err(ImportError::io(path))?.len();
+        if start.checked_add(stored_bytes).is_none_or(|end| end > length) {
+            return Err(damaged(format!("{name} has {stored_bytes} bytes from byte {start} on, of {length} in all")));
         }
         Ok(Self { name, bytes, stored_bytes, start, is_stored, checksum })
     }

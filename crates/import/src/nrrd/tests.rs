@@ -419,6 +419,10 @@ fn what_is_not_understood_is_refused_by_its_name() {
         (refusal(b"NRRD0004\ntype: uchar\ndimension: 2\nsizes: 1 1\nencoding: raw\n"), "cut short: neither"),
         (refusal(&nrrd("type: uchar\ndimension: 4\nsizes: 2 2 2 3\nencoding: raw\n", &[0; 24])), "without `kinds`"),
         (refusal(&nrrd(&whole.replace("raw", "gzip"), b"\x1f\x8bnot")), "damaged"),
+        (
+            refusal(&nrrd("type: uchar\ndimension: 3\nsizes: 9000 9000 9000\nencoding: gzip\n", &gzip(&[0; 24]))),
+            "compressed bytes cannot hold the 729000000000 of its header",
+        ),
         (refusal(&nrrd(&"#\n".repeat(9 << 20), b"")), "longer than"),
     ] {
         assert!(message.contains(words), "{message}\n{words}");

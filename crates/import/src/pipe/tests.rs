@@ -2,8 +2,9 @@
 
 use super::*;
 use crate::source::Source;
-use crate::testing::{Field, assert_boxes};
+use crate::testing::{Field, assert_boxes, temp_file};
 use brickyard_volume::{Extent, VoxelType};
+use proptest::prelude::*;
 
 /// A stream that hands out a few bytes at a time, with interruptions.
 struct Slow<'a>(&'a [u8], bool);
@@ -80,4 +81,35 @@ fn named_pipes_are_read_once() {
     let writer = std::thread::spawn(move || std::fs::write(path, FIELD.bytes("tczyx", false)).unwrap());
     assert_boxes(&*crate::open::open(&inputs, &options).unwrap(), FIELD);
     writer.join().unwrap();
+}
+
+proptest! {
+    #![proptest_config(crate::testing::cases(300))]
+
+    /// Any layout over any stream is refused, or gives the voxels that a file of the same bytes gives.
+    #[test]
+    fn streams_are_refused_or_read_as_files(
+        [x, y, z, channels, times] in prop::array::uniform5(1u32..4),
+        step_bytes in prop::option::of(prop_oneof![0u64..120, Just(u64::MAX), Just(1 << 62)]),
+        offset in prop_oneof![0u64..9, Just(u64::MAX), Just(1 << 50)],
+        is_fit in any::<bool>(),
+        length in 0usize..400,
+    ) {
+        let layout = RawLayout {
+            offset, may_trail: true, step_bytes, channels, times, ..RawLayout::new(Extent::new(x, y, z), VoxelType::U8)
+        };
+        let fit = layout.end_bytes(Path::new("-")).ok().filter(|bytes| is_fit && *bytes < 1000);
+        let bytes: Vec<u8> = (0..fit.map_or(length, |fit| fit as usize)).map(|i| (i * 7 % 251) as u8).collect();
+        let read_all = |source: &RawSource| -> Vec<u8> {
+            let full = source.info().extent.full_box();
+            let mut out = vec![0; full.extent().volume() as usize];
+            source.read_box(times - 1, channels - 1, full, &mut out).unwrap();
+            out
+        };
+        let (_folder, path) = temp_file("a.raw", &bytes);
+        match (read(&bytes, &layout, &OpenOptions::default()), RawSource::open(&path, &layout)) {
+            (Ok(stream), Ok(file)) => prop_assert_eq!(read_all(&stream), read_all(&file)),
+            (stream, _) => prop_assert!(stream.is_err() && fit.is_none()),
+        }
+    }
 }

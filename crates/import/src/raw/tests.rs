@@ -270,7 +270,7 @@ fn sizes_that_fit_other_numbers_are_named() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 300, failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(crate::testing::cases(300))]
 
     /// Any layout over any file is refused, or gives the bytes at the places it tells.
     #[test]

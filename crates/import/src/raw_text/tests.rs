@@ -106,7 +106,7 @@ fn texts_that_say_too_little_or_too_much_are_refused() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 300, failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(crate::testing::cases(300))]
 
     /// Damage leads to an error or other voxels, never to a panic.
     #[test]

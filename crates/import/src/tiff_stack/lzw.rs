@@ -124,7 +124,7 @@ mod tests {
     }
 
     proptest! {
-        #![proptest_config(ProptestConfig { cases: 300, failure_persistence: None, ..ProptestConfig::default() })]
+        #![proptest_config(crate::testing::cases(300))]
 
         #[test]
         fn whatever_is_packed_is_unpacked(bytes in bytes(), wanted in any::<prop::sample::Index>(), rest in 0..3usize) {

@@ -921,7 +921,7 @@ fn many_threads_read_at_once() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 400, failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(crate::testing::cases(400))]
 
     /// Damage leads to an error or wrong voxels, never to a panic.
     #[test]

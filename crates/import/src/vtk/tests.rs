@@ -503,7 +503,7 @@ fn collections_are_steps_in_the_order_of_their_times() {
         assert!(refusal("<DataSet timestep=\"0\" part=\"1\" file=\"s/a_1.vti\"/>").contains("part above 0"));
         assert!(refusal("").contains("without files"));
         assert!(refusal("<DataSet timestep=\"0\" file=\"all.pvd\"/>").contains("within a collection"));
-        assert!(refusal("<DataSet timestep=\"0\" file=\"no.vti\"/>").contains("no.vti: No such file"));
+        assert!(refusal("<DataSet timestep=\"0\" file=\"no.vti\"/>").contains("no.vti is missing"));
         let twice = "<DataSet timestep=\"1\" file=\"s/a_1.vti\"/><DataSet timestep=\"1\" file=\"s/a_2.vti\"/>";
         assert!(refusal(twice).contains("for one time, 1"));
         write(folder.path(), "s/all.pvd", &collection(twice));
@@ -539,7 +539,7 @@ fn damage_in_compressed_arrays_is_noticed() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::with_cases(ProptestConfig::default().cases.max(300)) })]
+    #![proptest_config(crate::testing::cases(300))]
 
     /// Damage leads to an error or wrong voxels, never to a panic.
     #[test]

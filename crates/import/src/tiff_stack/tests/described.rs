@@ -447,7 +447,7 @@ fn values_without_data_are_those_that_pixels_can_have() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 400, failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(crate::testing::cases(400))]
 
     /// Damage leads to an error or wrong voxels, never to a panic.
     #[test]
