@@ -198,13 +198,25 @@ pub(crate) fn open_series(paths: &[PathBuf], is_folder: bool, options: &OpenOpti
         headers.push(header);
     }
     let (count, such_as) = (others.len(), others.first().map(|first| first.display()));
-    let left_out =
-        such_as.map(|first| Note::new(format!("{count} DICOM files without an image, such as {first}, are left out.")));
+    let left_out = such_as.map(|first| {
+        let files = counted(count as u64, "DICOM file");
+        Note::new(format!("{files} without an image left out, such as {first}."))
+    });
     if headers.is_empty() {
         let place = paths.first().and_then(|p| p.parent()).unwrap_or(Path::new("input"));
-        return Err(ImportError::invalid(place, format!("{} DICOM files, none of them an image", paths.len())));
+        let files = counted(paths.len() as u64, "DICOM file");
+        let advice = folder_in(place).map_or(String::new(), |inner| {
+            format!("; the folders in it, such as {inner}, are not looked into: pass the one of a series")
+        });
+        return Err(ImportError::invalid(place, format!("{files}, none with an image{advice}")));
     }
     open_chosen(headers, is_folder, options, left_out.into_iter().collect())
+}
+
+/// The first name of a folder's folders, such as those to which a DICOMDIR points.
+fn folder_in(folder: &Path) -> Option<String> {
+    let inner = std::fs::read_dir(folder).ok()?.flatten().filter(|entry| entry.path().is_dir());
+    inner.map(|entry| entry.file_name().to_string_lossy().into_owned()).min()
 }
 
 fn is_image(header: &Header) -> bool {
@@ -212,7 +224,7 @@ fn is_image(header: &Header) -> bool {
 }
 
 fn check_is_image(header: &Header) -> Result<()> {
-    let problem = "a DICOM file without an image: expected pixel data; name the files of an image series";
+    let problem = "a DICOM file without an image, such as a report or a DICOMDIR; pass the folder or the files of an image series";
     is_image(header).then_some(()).ok_or_else(|| ImportError::invalid(&header.path, problem))
 }
 

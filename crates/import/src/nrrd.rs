@@ -5,6 +5,7 @@
 mod header;
 mod kinds;
 mod placement;
+mod segments;
 #[cfg(test)]
 mod tests;
 
@@ -36,6 +37,7 @@ pub(crate) fn open(path: &Path, options: &OpenOptions) -> Result<RawSource> {
     let mut info = SourceInfo { identity: identity("nrrd", &paths)?, channel_looks: axes.looks(), ..array.info() };
     placement::place(&header, &axes, &mut info, &mut notes)?;
     note_quantized(&header, &mut notes);
+    notes.extend(header.segments.note(info.channels));
     for name in header.unknown() {
         notes.push(Note::warning(format!("The header's field '{name}' is none of NRRD's: it is left out.")));
     }
@@ -52,7 +54,7 @@ pub(crate) fn open(path: &Path, options: &OpenOptions) -> Result<RawSource> {
 /// Whether the header says that the voxels are labels, which must be whole numbers.
 pub(crate) fn are_labels(path: &Path) -> Result<bool> {
     let header = Header::read(path)?;
-    Ok(header.are_labels() && !header.decode()?.voxel_type().is_float())
+    Ok(header.segments.are_labels() && !header.decode()?.voxel_type().is_float())
 }
 
 /// The format keeps the range of values from before their quantization, to which no reader returns by itself.

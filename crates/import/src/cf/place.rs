@@ -65,13 +65,36 @@ fn line(scale: &Scale, coordinates: &[f64], axis: Axis, notes: &mut Vec<Note>) -
     Some(Line { name: scale.name.clone(), first, last, step, units })
 }
 
+/// Even coordinates that are of no use without those of the other axes, and how to use them.
+fn left_out(lines: &[Option<Line>; 3]) -> Option<Note> {
+    let told: Vec<String> = ["x", "y", "z"]
+        .into_iter()
+        .zip(lines)
+        .filter_map(|(axis, line)| {
+            let Line { first, last, step, units, .. } = line.as_ref().filter(|line| line.step != 0.0)?;
+            let units = units.as_ref().map_or(String::new(), |units| format!(" {units}"));
+            let turn =
+                if *step < 0.0 { format!(" (`flip` {axis} makes it ascend from {last})") } else { String::new() };
+            Some(format!("{axis} from {first} by {step}{units}{turn}"))
+        })
+        .collect();
+    let told = (!told.is_empty()).then(|| told.join(", "))?;
+    Some(Note::warning(format!(
+        "Not every axis has even coordinates, so these are left out, too: {told}. `spacing`, `origin` and `unit` give a place."
+    )))
+}
+
 /// Calibrates the volume if every axis of more than one voxel has even coordinates, each axis in its own unit. Returns the
 /// axes whose coordinates descend.
 fn of_lines(info: &mut SourceInfo, lines: &[Option<Line>; 3], notes: &mut Vec<Note>) -> [bool; 3] {
     let mut descend = [false; 3];
     let extent = info.extent.to_array();
     let is_known = |a: usize| lines[a].as_ref().is_some_and(|line| extent[a] == 1 || line.step != 0.0);
-    if lines.iter().all(Option::is_none) || (0..3).any(|a| extent[a] > 1 && !is_known(a)) {
+    if (0..3).any(|a| extent[a] > 1 && !is_known(a)) {
+        notes.extend(left_out(lines));
+        return descend;
+    }
+    if lines.iter().all(Option::is_none) {
         return descend;
     }
     let units = lines.each_ref().map(|line| match line.as_ref().and_then(|line| line.units.as_deref()) {
@@ -112,10 +135,14 @@ fn unit_of_time(units: &str) -> Option<&'static str> {
 
 /// Sets the times of the steps, in a unit such as `hours since 2000-01-01`.
 fn time(info: &mut SourceInfo, coordinates: &[f64], units: Option<&str>, notes: &mut Vec<Note>) {
-    if coordinates.len() < 2 {
+    if let [at] = coordinates {
+        let units = units.map_or(String::new(), |units| format!(" {units}"));
         // Each file may count from its own beginning.
-        let way_on = "`time_step` or `time_stamps` gives those of several files";
-        notes.push(Note::new(format!("The time of a file's only step is left out; {way_on}.")));
+        notes.push(Note::new(format!(
+            "The time of the only step, {at}{units}, is left out: `time_step` or `time_stamps` gives a series its times."
+        )));
+    }
+    if coordinates.len() < 2 {
         return;
     }
     let unit = units.and_then(unit_of_time);
@@ -164,6 +191,33 @@ mod tests {
         for none in ["months since 2000-01-01", "years since 0001-01-01", "day as %Y%m%d.%f", ""] {
             assert_eq!(unit_of_time(none), None, "{none}");
         }
+    }
+
+    #[test]
+    fn the_time_of_a_single_step_is_told() {
+        let sizes = Sizes { extent: Extent::new(2, 2, 2), channels: 1, times: 1 };
+        let (mut info, mut notes) = (SourceInfo::plain(sizes, VoxelType::F32), Vec::new());
+        time(&mut info, &[4.5], Some("hours since 2026-01-01"), &mut notes);
+        assert!(info.time.is_none() && notes.len() == 1, "{notes:?}");
+        assert!(notes[0].starts_with("The time of the only step, 4.5 hours since 2026-01-01, is left out: "));
+        time(&mut info, &[4.5, 5.0], Some("hours since 2026-01-01"), &mut notes);
+        assert!(info.time.is_some() && notes[1].starts_with("Times are in hours since"), "{notes:?}");
+    }
+
+    #[test]
+    fn even_axes_beside_an_uneven_one_are_told() {
+        let line = |name: &str, first, last, step, units: &str| {
+            Some(Line { name: name.into(), first, last, step, units: Some(units.into()) })
+        };
+        let lines =
+            [line("lon", 0.0, 357.5, 2.5, "degrees_east"), line("lat", 90.0, -90.0, -2.5, "degrees_north"), None];
+        let sizes = Sizes { extent: Extent::new(144, 73, 6), channels: 1, times: 1 };
+        let (mut info, mut notes) = (SourceInfo::plain(sizes, VoxelType::F32), Vec::new());
+        assert_eq!(of_lines(&mut info, &lines, &mut notes), [false; 3]);
+        assert!(!info.calibrated && notes.len() == 1 && notes[0].is_warning());
+        let told =
+            "x from 0 by 2.5 degrees_east, y from 90 by -2.5 degrees_north (`flip` y makes it ascend from -90). ";
+        assert!(notes[0].contains(told), "{}", &*notes[0]);
     }
 
     #[test]

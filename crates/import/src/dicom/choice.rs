@@ -117,5 +117,6 @@ fn describe_series(header: &Header, count: usize) -> String {
     let number = number.map_or(String::new(), |number| format!("{number}: "));
     let what = header.text(tags::SERIES_DESCRIPTION).map_or(String::new(), |d| format!(" \"{d}\""));
     let modality = header.text(tags::MODALITY).map_or(String::new(), |modality| format!(" ({modality})"));
-    format!("{number}{}{what}{modality} of {count} files, such as {}", header.series(), name_of(&header.path))
+    let files = counted(count as u64, "file");
+    format!("{number}{}{what}{modality} of {files}, such as {}", header.series(), name_of(&header.path))
 }

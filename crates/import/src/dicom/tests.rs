@@ -272,7 +272,7 @@ fn one_file_stands_for_its_series_and_a_list_for_itself() {
     folder.refused(&[
         "2 series",
         "1.2.3 of 5 files, such as IM",
-        "1.2.9 \"scout\" of 1 files, such as IM9",
+        "1.2.9 \"scout\" of 1 file, such as IM9",
         "by `variable`",
     ]);
 }
@@ -712,7 +712,7 @@ fn files_without_an_image_are_left_out_of_folders() {
     let folder = Folder::of(shuffled().chain([report]));
     let source = folder.open().unwrap();
     assert_eq!(source.info().extent.z, 5);
-    assert!(source.info().notes[0].contains("1 DICOM files without an image"), "{:?}", source.info().notes);
+    assert!(source.info().notes[0].contains("1 DICOM file without an image"), "{:?}", source.info().notes);
     let message = open(&[folder.file(5)], &OpenOptions::default()).err().unwrap().to_string();
     assert!(message.contains("without an image"), "{message}");
 }

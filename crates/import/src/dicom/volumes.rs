@@ -428,12 +428,13 @@ fn check_whole(volumes: &Volumes, gaps: Gaps, stacked: &Stacked<'_>) -> Result<(
         let channel = volumes.channels.get(lost.channel as usize).map_or(String::new(), |name| format!(" of {name}"));
         let step = if volumes.times > 1 { format!(" of time step {}", lost.time) } else { String::new() };
         let (found, positions) = (slices.len(), stacked.positions());
+        let are = if missing == 1 { "is" } else { "are" };
         let advice = match gaps {
             Gaps::Blank => "name the files of whole volumes",
             Gaps::Refuse => "add the missing files, or pass `gaps` blank to leave their places without data",
         };
         let problem = format!(
-            "{missing} of {expected} slices are missing: {positions} positions with {count} slices each were expected, found {found} slices; \
+            "{missing} of {expected} slices {are} missing: {positions} positions with {count} slices each were expected, found {found} slices; \
              at {}, the position of this file, {} of {count} are there, and the slice{step}{channel} is not; {advice}",
             show(slices[first].position),
             run.len()

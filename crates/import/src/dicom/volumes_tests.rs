@@ -211,7 +211,7 @@ fn a_series_is_chosen_by_its_number_uid_or_name() {
     for (variable, first) in [("2", 0.0), ("1.2.4", 7.0), ("T2", 7.0), ("T1", 0.0)] {
         assert_eq!(voxels(&*open(variable).unwrap())[0], first);
     }
-    folder.refused(&["2 series are mixed", "2: 1.2.3 \"T1\" of 2 files", "3: 1.2.4 \"T2\" of 1 files", "`variable`"]);
+    folder.refused(&["2 series are mixed", "2: 1.2.3 \"T1\" of 2 files", "3: 1.2.4 \"T2\" of 1 file", "`variable`"]);
     let message = open("T3").err().unwrap().to_string();
     assert!(message.contains("0 are named 'T3'") && message.contains("\"T2\""), "{message}");
 }

@@ -15,7 +15,7 @@ use hdf5_reader::symbol_table::SymbolTableNode;
 /// A link of a group.
 pub(super) struct Link {
     pub(super) name: String,
-    /// The other file of a link to one.
+    /// The other file and the path in it, as in `b.h5::/data`, of a link to one.
     pub(super) other_file: Option<String>,
     /// Its place in the order of creation, if the group keeps that.
     created: Option<u64>,
@@ -79,7 +79,7 @@ fn cut() -> Error {
 
 fn link_of(found: &link::LinkMessage) -> Link {
     let other_file = match &found.target {
-        LinkTarget::External { filename, .. } => Some(filename.clone()),
+        LinkTarget::External { filename, path } => Some(format!("{filename}::{path}")),
         LinkTarget::Hard { .. } | LinkTarget::Soft { .. } => None,
     };
     Link { name: found.name.clone(), other_file, created: found.creation_order }

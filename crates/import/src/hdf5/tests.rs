@@ -389,7 +389,10 @@ fn virtual_datasets_and_links_to_other_files_are_named() {
     let away = message(6, &[&[1, 8, 64, 1][..], b"e", &target].concat());
     let (_folder, path) = temp_file("a.h5", &small(Place::Piece).with(away).finish());
     assert_eq!(open(&path, &told("a")).unwrap().info().extent.x, 4);
-    assert!(refusal(&path, &told("e")).contains("/e, a link to another file (b.h5), is not supported"));
+    assert!(
+        refusal(&path, &told("e"))
+            .contains("/e, a link to another file (b.h5::/there), is not supported; pass that as the input")
+    );
 }
 
 fn floats(numbers: &[f32]) -> Vec<u8> {
@@ -612,6 +615,9 @@ fn views_of_bigdataviewer_are_steps_and_channels() {
     let missing = "<MissingViews><MissingView timepoint=\"1\" setup=\"0\"/></MissingViews>";
     assert!(open_xml("bdv.hdf5", "um", [moved; 2], missing).unwrap_err().contains("a missing view (time point 1"));
     assert!(open_xml("bdv.n5", "um", [moved; 2], "").unwrap_err().contains("image loader bdv.n5 is not supported"));
+    std::fs::remove_file(&path).unwrap();
+    let gone = open_xml("bdv.hdf5", "um", [moved; 2], "").unwrap_err();
+    assert!(gone.contains("a.xml: its data file") && gone.contains("a.h5 is missing: put it there"), "{gone}");
     let (_folder, path) = temp_file("a.h5", &of_bdv([&[2, 3, 4], &[2, 3, 5]]));
     assert!(refusal(&path, &none).contains("/t00001/s00/0/cells is damaged: it differs"));
     // A view in neither the file nor the list of missing ones.
@@ -708,6 +714,42 @@ fn mend_checksums(bytes: &mut [u8]) {
         let sum = jenkins_lookup3(&bytes[..44]);
         bytes[44..48].copy_from_slice(&sum.to_le_bytes());
     }
+}
+
+#[test]
+fn the_finest_level_of_imaris_is_read_without_its_padding() {
+    let sizes = [("ImageSizeX", "3"), ("ImageSizeY", "3"), ("ImageSizeZ", "2")];
+    let mut made = Builder::new();
+    // Two steps of two channels, [2, 4, 4] as stored; and a coarser level.
+    for n in 0..4 {
+        let data: Vec<u8> = (0..32).map(|i| 50 * n + i).collect();
+        made = made.set("Data", &datatype(VoxelType::U8, false), &[2, 4, 4], &data, Place::Chunks([2, 2, 2]));
+        made = sizes.iter().fold(made, |made, (name, size)| made.with(text_attribute(name, size)));
+        let (time, channel) = (usize::from(n / 2), usize::from(n % 2));
+        made = made.group(["Channel 0", "Channel 1"][channel], time + channel);
+        if channel == 1 {
+            made = made.group(["TimePoint 0", "TimePoint 1"][time], time);
+        }
+    }
+    made = made.group("ResolutionLevel 0", 0);
+    made = made.set("Data", &datatype(VoxelType::U8, false), &[1, 2, 2], &[9; 4], Place::Chunks([1, 2, 2]));
+    made = made.group("Channel 0", 1).group("TimePoint 0", 1).group("ResolutionLevel 1", 1).group("DataSet", 0);
+    let ends =
+        [("ExtMin0", "1"), ("ExtMax0", "4"), ("ExtMin1", "0"), ("ExtMax1", "6"), ("ExtMin2", "0"), ("ExtMax2", "4")];
+    made = ends.iter().fold(made, |made, (name, end)| made.with(text_attribute(name, end))).group("Image", 1);
+    made = made.with(text_attribute("Name", "GFP")).with(text_attribute("Color", "0 1 0")).group("Channel 0", 2);
+    let (_folder, path) = temp_file("a.ims", &made.group("DataSetInfo", 1).finish());
+    let source = open_any(&[path], &OpenOptions::default()).unwrap();
+    let info = source.info();
+    assert_eq!((info.extent.to_array(), info.times, info.channels), ([3, 3, 2], 2, 2));
+    let (spacing, origin) = (glam::DVec3::new(1.0, 2.0, 2.0), glam::DVec3::new(1.5, 1.0, 1.0));
+    assert_eq!((info.geometry.spacing, info.geometry.origin), (spacing, origin));
+    assert_eq!(info.channel_looks[0].name.as_deref(), Some("GFP"));
+    let mut out = [0; 18];
+    source.read_box(1, 0, info.extent.full_box(), &mut out).unwrap();
+    let at = |z: u8, y: u8, x: u8| 100 + 16 * z + 4 * y + x;
+    let expected: Vec<u8> = (0..2).flat_map(|z| (0..3).flat_map(move |y| (0..3).map(move |x| at(z, y, x)))).collect();
+    assert_eq!(out[..], expected);
 }
 
 proptest! {

@@ -109,7 +109,7 @@ impl Tree {
                 return;
             }
             if let Some(other) = other_file {
-                let advice = "open that file, and name the dataset in it with `variable`";
+                let advice = "pass that as the input";
                 let feature = format!("{path}, a link to another file ({other}),");
                 self.unread.push((path, ImportError::unsupported_but(&file.path, feature, advice)));
                 continue;

@@ -1,5 +1,6 @@
 //! The text before or beside the data: fields by their names, and the data files.
 
+use super::segments::Segments;
 use crate::data_files::{Coding, DataFiles, Start, beside};
 use crate::element::{Decode, Element, Endian};
 use crate::error::{ImportError, Result};
@@ -67,9 +68,7 @@ pub(super) struct Header {
     path: PathBuf,
     /// Names in lower case without blanks, and values.
     fields: BTreeMap<String, String>,
-    /// Whether 3D Slicer lists segments, and their representation, in keys with values.
-    has_segments: bool,
-    representation: Option<String>,
+    pub(super) segments: Segments,
     /// Names of data files in lines of their own.
     listed: Vec<String>,
     /// Bytes up to the first one behind the header; `None` if the file ends with it.
@@ -88,14 +87,9 @@ impl Header {
                 SAVE,
             ));
         }
-        let mut header = Self {
-            path: path.to_owned(),
-            fields: BTreeMap::new(),
-            has_segments: false,
-            representation: None,
-            listed: Vec::new(),
-            end: None,
-        };
+        let path = path.to_owned();
+        let (fields, segments) = (BTreeMap::new(), Segments::default());
+        let mut header = Self { path, fields, segments, listed: Vec::new(), end: None };
         while let Some(line) = lines.next()? {
             if line.is_empty() {
                 header.end = Some(lines.bytes());
@@ -110,22 +104,7 @@ impl Header {
         Ok(header)
     }
 
-    /// Takes note of a key of 3D Slicer's segmentations.
-    fn add_key(&mut self, key: &str, value: &str) {
-        let number = key.strip_prefix("Segment").and_then(|rest| rest.split_once('_')).map(|(number, _)| number);
-        self.has_segments |= number.is_some_and(|n| !n.is_empty() && n.bytes().all(|byte| byte.is_ascii_digit()));
-        // The older name is the first.
-        if ["Segmentation_MasterRepresentation", "Segmentation_SourceRepresentation"].contains(&key) {
-            self.representation = Some(value.to_lowercase());
-        }
-    }
-
-    /// Whether the voxels are labels, by 3D Slicer's keys: fractions of segments and closed surfaces are none.
-    pub(super) fn are_labels(&self) -> bool {
-        self.has_segments && self.representation.as_deref().is_none_or(|of| of == "binary labelmap")
-    }
-
-    /// Adds a line's field. Comments, and keys with values, say nothing of the array.
+    /// Adds a line's field. Comments say nothing of the array, and keys with values nothing but its segments.
     fn add(&mut self, line: &str) -> Result<()> {
         if line.starts_with('#') {
             return Ok(());
@@ -137,7 +116,7 @@ impl Header {
             return Err(self.invalid(problem));
         };
         if let Some(value) = value.strip_prefix('=') {
-            self.add_key(name.trim(), value.trim());
+            self.segments.add(name.trim(), value.trim());
             return Ok(());
         }
         let name: String = name.to_lowercase().split_whitespace().collect();

@@ -368,6 +368,7 @@ fn unused_and_odd_fields_are_told() {
     let info =
         placed("old min: 0\noldmax: 4.5\nspacing: 1 2 3\nSegment0_Name:=liver\nmeasurement frame: (1,0) (0,1)\n");
     let said = said(&info.notes);
+    assert!(said.contains("of segments, which the store does not name: 1 liver."), "{said}");
     assert!(said.contains("note: Values were quantized from a range of 0 to 4.5"), "{said}");
     assert!(is_warned(&said, "'spacing' is none of NRRD's"), "{said}");
     let info = placed("space: LPS\nspace origin: (1,2,3)\nspacings: 1 2 3\n");
