@@ -119,7 +119,8 @@ fn a_pack_is_planned_and_compared() {
         (&serde_json::json!([6, 5, 3]), &2.into(), &serde_json::Value::Null)
     );
     assert!(!sandbox.path("a.zarr").exists());
-    assert!(sandbox.run_ok(&format!("{line} --verify")).contains("sound"));
+    let verified = sandbox.run_ok(&format!("{line} --verify"));
+    assert!(verified.contains("sound") && verified.ends_with("equal to the input, voxel by voxel\n"), "{verified}");
     assert!(sandbox.run_ok("info a.zarr").starts_with("a.zarr: u16 volume 'wing', axes tzyx"));
     sandbox.run_ok("export a.zarr b.raw --time 1 --progress none");
     let voxel = |x: usize, y: usize, z: usize| (1 + (x + 8 * (y + 6 * (z + 4 * 2))) % 250) as u8;

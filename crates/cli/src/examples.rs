@@ -3,19 +3,22 @@
 pub(crate) const PACK: &str = "\
 Examples:
   brickyard pack scan.nii.gz scan.zarr
-  brickyard pack dicom-folder ct.zarr
+  brickyard pack dicom-folder ct.zarr --dry-run
   brickyard pack 'step_*.npy' flow.zarr --time-step 0.5 --time-unit s
   brickyard pack head.raw --shape 256,256,108 --dtype i16 --spacing 0.957,0.957,1.5 --unit mm head.zarr
   brickyard pack labels.tif labels.zarr --kind labels
-  brickyard pack big.tif part.zarr --roi 0:512,0:512,0:100 --dry-run
+  brickyard pack era5.nc t.zarr --variable t
+  brickyard pack big.tif part.zarr --roi 0:512,0:512,0:100
 
 Inputs, as a file, a folder of files of one format, a pattern in quotes, or a list of files:
   DICOM     a folder, the files, or one file of a series; also multi-frame files
   NIfTI     .nii, .nii.gz, .hdr with .img
-  NumPy     .npy
+  NumPy     .npy, .npz
   TIFF      .tif, .tiff, of one page or several; also of OME (.companion.ome), ImageJ, MetaMorph, BigTIFF
   pictures  .png, .jpg, .bmp: a folder, a pattern or a list of slices
   VTK       .vti, .vtk of structured points, .pvd with its files
+  HDF5      .h5, .nxs, .ims, .xml of BigDataViewer; NetCDF and MINC: .nc, .mnc (--variable)
+  others    .nrrd, .nhdr, .mha, .mhd, .mrc, .map, .bov, .hdr of ENVI
   raw       .raw, .bin, .dat or any other file, with --shape and --dtype";
 
 pub(crate) const APPEND: &str = "\

@@ -103,7 +103,12 @@ fn describe<'a>(path: &'a std::path::Path, store: &'a Store) -> Result<Info<'a>,
 
 fn text(info: &Info<'_>, store: &Store) -> String {
     let unit = store.geometry().units_in_words();
-    let unit = unit.unwrap_or_else(|| if info.calibrated { "no unit given" } else { "uncalibrated" }.into());
+    let without = match (info.calibrated, info.store.orientation.is_some()) {
+        (true, true) => "no unit given: taken as millimeter",
+        (true, false) => "no unit given",
+        (false, _) => "uncalibrated",
+    };
+    let unit = unit.unwrap_or_else(|| without.into());
     let named = info.store.name.as_ref().map_or(String::new(), |name| format!(" '{name}'"));
     let mut lines = vec![
         format!("{}: {} volume{named}, axes {}", info.path.display(), info.voxel_type, info.axes),

@@ -82,7 +82,8 @@ impl PackingLimits {
         let difference = compared.map_err(|error| store_errors::verify_failure(error, path))?;
         let mut report = verify::report(path, self.memory, self.progress)?;
         report.problems.splice(0..0, difference);
-        verify::tell(&report, path, false)
+        verify::tell(&report, path, false)?;
+        print_line(&format!("{}: equal to the input, voxel by voxel", path.display()))
     }
 
     pub(crate) fn of_append(&self) -> AppendOptions {

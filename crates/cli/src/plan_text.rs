@@ -33,7 +33,9 @@ impl PlanText<'_> {
         json!({
             "axes": self.plan.layout.axes().concat(),
             "times": self.info.times,
+            "time_axis": self.info.time,
             "channels": self.info.channels,
+            "channel_looks": self.info.channel_looks,
             "extent": extent.to_array(),
             "voxel_type": voxel_type,
             "spacing": geometry.spacing.to_array(),
@@ -51,7 +53,7 @@ impl PlanText<'_> {
         })
     }
 
-    /// The volume, as in `c2 z64 y160 x160 of u16, spacing 0.65,0.65,2 micrometer, axes to LPS`.
+    /// The volume, as in `t9 z64 y160 x160 of i16 in HU, spacing 0.65,0.65,2 millimeter, axes to LPS, steps 2 s apart, from 0 s`.
     fn volume(&self) -> String {
         let SourceInfo { extent, times, channels, geometry, .. } = self.info;
         let size = |axis: &str| match axis {
@@ -65,12 +67,26 @@ impl PlanText<'_> {
         let spacing = match self.info.calibrated {
             true => {
                 let [x, y, z] = geometry.spacing.to_array().map(short);
-                format!("spacing {x},{y},{z} {}", geometry.units_in_words().unwrap_or_else(|| "(no unit)".into()))
+                let unit = geometry.units_in_words();
+                format!("spacing {x},{y},{z} {}", unit.unwrap_or_else(|| self.without_unit().into()))
             }
             false => "uncalibrated".into(),
         };
         let orientation = self.info.orientation.map_or(String::new(), |it| format!(", axes to {}", it.code()));
-        format!("{} of {}, {spacing}{orientation}", shape.join(" "), self.info.voxel_type)
+        let steps = self.info.time.as_ref().map_or(String::new(), |axis| format!(", steps {}", axis.describe()));
+        format!("{} of {}{}, {spacing}{orientation}{steps}", shape.join(" "), self.info.voxel_type, self.value_unit())
+    }
+
+    /// The world of a patient is in millimetres, also where its source says no unit.
+    fn without_unit(&self) -> &'static str {
+        if self.info.orientation.is_some() { "(no unit: taken as millimeter)" } else { "(no unit)" }
+    }
+
+    /// The unit of the values, as in ` in HU`; units that differ between channels all, as in ` in K, m/s`.
+    fn value_unit(&self) -> String {
+        let mut units: Vec<&str> = self.info.channel_looks.iter().filter_map(|look| look.unit.as_deref()).collect();
+        units.dedup();
+        if units.is_empty() { String::new() } else { format!(" in {}", units.join(", ")) }
     }
 
     fn scratch_bytes(&self) -> u64 {
@@ -116,7 +132,8 @@ mod tests {
         info.orientation = Some(Orientation::new(rows).unwrap());
         let words = text(&info, Some(Duration::from_secs(200)));
         assert!(
-            words.contains("spacing 0.5,0.3,2 millimeter, axes to LPS: ") && words.ends_with("; about 3 min"),
+            words.contains("spacing 0.5,0.3,2 millimeter, axes to LPS, steps 1 apart, from 0: ")
+                && words.ends_with("; about 3 min"),
             "{words}"
         );
         let json = PlanText { info: &info, plan: &plan, time: None }.json();
