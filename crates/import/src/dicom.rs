@@ -11,10 +11,16 @@ mod decode;
 mod decode_bits;
 mod elements;
 mod fragments;
+mod dose;
+#[cfg(test)]
+mod dose_tests;
 mod frames;
 #[cfg(test)]
 mod gap_tests;
 mod header;
+mod jpeg_lossless;
+#[cfg(test)]
+mod jpeg_lossless_tests;
 #[cfg(test)]
 mod lossy_tests;
 mod mosaic;
@@ -414,7 +420,7 @@ fn check_sizes(files: &[(Header, Frames)]) -> Result<()> {
 /// Checks that each frame of a file has a place.
 fn check_frames(header: &Header, count: u64) -> Result<()> {
     let placed = header.placed_frames() as u64;
-    if count > 1 && placed == 0 {
+    if count > 1 && placed == 0 && !dose::places(header, count) {
         let feature =
             format!("a file of {count} frames without a place for each (no PerFrameFunctionalGroupsSequence)");
         let advice = "export the frames to TIFF or .npy, and pack these with `spacing`";
@@ -468,7 +474,8 @@ fn find_slice(
     let roundings = header.roundings(frame, tags::IMAGE_POSITION_PATIENT);
     let steps = [(tags::SPACING_BETWEEN_SLICES, "SpacingBetweenSlices"), (tags::SLICE_THICKNESS, "SliceThickness")];
     let [along_row, along_column] = [vector(&directions), vector(&directions[3..])];
-    let mut position = vector(&position);
+    let mut position =
+        dose::position(header, frame, vector(&position), along_row.cross(along_column).normalize_or_zero())?;
     if let Some(mosaic) = mosaic {
         let help = "a mosaic has one place for all its slices; pass `spacing` X,Y,Z";
         let step_mm = match options.spacing {
@@ -510,7 +517,8 @@ fn meaning_of(header: &Header, frames: &Frames, frame: usize, nodata: NoData) ->
         }
         (None, None) => Ok(None),
     };
-    let slope = first(tags::RESCALE_SLOPE, "RescaleSlope")?;
+    let slope =
+        dose::scale(header)?.map_or_else(|| first(tags::RESCALE_SLOPE, "RescaleSlope"), |scale| Ok(Some(scale)))?;
     let intercept = first(tags::RESCALE_INTERCEPT, "RescaleIntercept")?;
     if header.has_value_table && slope.is_none() {
         return Err(ImportError::unsupported(&header.path, "a table of values (ModalityLUTSequence)"));

@@ -1,5 +1,6 @@
 //! Decoders of separately packed frames: run-length, JPEG and JPEG 2000. Errors omit the file.
 
+use super::jpeg_lossless::Stream;
 use super::pixels::{MOST_JPEG_2000_BITS, PixelFormat, Samples};
 use crate::element::Endian;
 use hayro_jpeg2000::{DecodeSettings, DecoderContext, Image};
@@ -50,6 +51,9 @@ fn unpack_runs<'a>(mut runs: &[u8], mut out: impl Iterator<Item = &'a mut u8>) -
 
 /// Decodes a JPEG frame, baseline or lossless.
 pub(super) fn jpeg(bytes: &[u8], format: &PixelFormat) -> Result<Samples, String> {
+    if let Some(stream) = Stream::of(bytes) {
+        return stream.decode(format);
+    }
     let mut decoder = jpeg_decoder::Decoder::new(bytes);
     decoder.set_max_decoding_buffer_size(format.pixels() as usize * 4);
     decoder.read_info().map_err(|e| e.to_string())?;

@@ -29,24 +29,36 @@ pub(super) enum Element<'a> {
     Value(&'a [Tag], DataElementHeader),
     /// Start of a sequence, or (with the tag of an item) of one of its items.
     Sequence(&'a [Tag], Tag),
-    /// A top-level sequence of unknown representation, skipped.
-    Unread(Tag),
     /// Pixels, whose value begins at [`Elements::into_position`]: their representation, and their length in bytes unless they are encapsulated.
     Pixels { tag: Tag, vr: VR, length: Option<u64> },
 }
 
 type Decoder<'a> = DynStatefulDecoder<Tracked<'a>>;
 
-/// A reader that exposes its position, which the parser hides.
+/// A reader that exposes its position, which the parser hides, and tells lengths in place of undefined ones.
 struct Tracked<'a> {
     cursor: Cursor<&'a [u8]>,
-    position: Rc<Cell<u64>>,
+    shared: Rc<Shared>,
+}
+
+/// State of the parser's reader.
+struct Shared {
+    position: Cell<u64>,
+    /// First byte of a length, and its replacement.
+    length: Cell<Option<(u64, [u8; 4])>>,
 }
 
 impl Read for Tracked<'_> {
     fn read(&mut self, buffer: &mut [u8]) -> std::io::Result<usize> {
+        let start = self.cursor.position();
         let read = self.cursor.read(buffer)?;
-        self.position.set(self.cursor.position());
+        if let Some((at, length)) = self.shared.length.get() {
+            for (place, byte) in (at..).zip(length) {
+                let place = place.checked_sub(start).filter(|place| *place < read as u64);
+                place.into_iter().for_each(|place| buffer[place as usize] = byte);
+            }
+        }
+        self.shared.position.set(self.cursor.position());
         Ok(read)
     }
 }
@@ -54,7 +66,7 @@ impl Read for Tracked<'_> {
 impl Seek for Tracked<'_> {
     fn seek(&mut self, to: SeekFrom) -> std::io::Result<u64> {
         let position = self.cursor.seek(to)?;
-        self.position.set(position);
+        self.shared.position.set(position);
         Ok(position)
     }
 }
@@ -65,8 +77,7 @@ pub(super) struct Elements<'a> {
     bytes: &'a [u8],
     syntax: &'a TransferSyntax,
     reader: LazyDataSetReader<Decoder<'a>>,
-    /// The reader's position.
-    read_to: Rc<Cell<u64>>,
+    shared: Rc<Shared>,
     /// End of the last value read or skipped.
     pub(super) position: usize,
     sequences: Vec<Tag>,
@@ -79,12 +90,13 @@ impl<'a> Elements<'a> {
         let syntax = TransferSyntaxRegistry
             .get(syntax)
             .ok_or_else(|| ImportError::unsupported(path, format!("transfer syntax {syntax}")))?;
-        let (reader, read_to) = reader_at(path, bytes, start, syntax)?;
-        Ok(Self { path, bytes, syntax, reader, read_to, position: start, sequences: Vec::new(), items: 0 })
+        let (reader, shared) = reader_at(path, bytes, start, syntax)?;
+        Ok(Self { path, bytes, syntax, reader, shared, position: start, sequences: Vec::new(), items: 0 })
     }
 
     pub(super) fn next(&mut self) -> Result<Option<Element<'_>>> {
         loop {
+            self.end_unknown()?;
             let (path, position) = (self.path, self.position);
             let token = match self.reader.advance() {
                 None => return Ok(None),
@@ -102,15 +114,7 @@ impl<'a> Elements<'a> {
                 LazyDataToken::PixelSequenceStart if self.sequences.is_empty() => {
                     return Ok(Some(Element::Pixels { tag: tags::PIXEL_DATA, vr: VR::OB, length: None }));
                 }
-                LazyDataToken::SequenceStart { tag, len } => {
-                    // A sequence of unknown representation is implicit inside, in any syntax.
-                    if len.is_undefined() && self.sequences.is_empty() && self.is_unknown() {
-                        let end = end_of_implicit(self.bytes, self.read_to.get() as usize, 0)
-                            .ok_or_else(|| damaged(path, position, &"a sequence without an end"))?;
-                        (self.reader, self.read_to) = reader_at(path, self.bytes, end, self.syntax)?;
-                        self.position = end;
-                        return Ok(Some(Element::Unread(tag)));
-                    }
+                LazyDataToken::SequenceStart { tag, .. } => {
                     self.open(tag)?;
                     return Ok(Some(Element::Sequence(&self.sequences[..self.sequences.len() - 1], tag)));
                 }
@@ -143,10 +147,23 @@ impl<'a> Elements<'a> {
         Ok(())
     }
 
-    /// Whether the last header is explicit and of unknown representation.
-    fn is_unknown(&self) -> bool {
-        let header = (self.read_to.get() as usize).checked_sub(8).and_then(|at| self.bytes.get(at..at + 2));
-        self.syntax.uid() == uids::EXPLICIT_VR_LITTLE_ENDIAN && header == Some(b"UN")
+    /// Gives a sequence of unknown representation without a length its length, if one comes next: it is written without representations
+    /// inside, in any syntax, and the parser would take it for explicit.
+    fn end_unknown(&self) -> Result<()> {
+        let at = self.shared.position.get() as usize;
+        let Some(&[g0, g1, _, _, b'U', b'N', 0, 0, 0xff, 0xff, 0xff, 0xff]) =
+            self.bytes.get(at..).and_then(|b| b.first_chunk())
+        else {
+            return Ok(());
+        };
+        let is_item = u16::from_le_bytes([g0, g1]) == ITEM.0;
+        if is_item || self.syntax.uid() != uids::EXPLICIT_VR_LITTLE_ENDIAN {
+            return Ok(());
+        }
+        let end = end_of_implicit(self.bytes, at + 12, 0).and_then(|end| u32::try_from(end - at - 12).ok());
+        let length = end.ok_or_else(|| damaged(self.path, at, &"a sequence without an end"))?;
+        self.shared.length.set(Some((at as u64 + 8, length.to_le_bytes())));
+        Ok(())
     }
 
     /// Start of the value of the last element.
@@ -180,19 +197,19 @@ impl<'a> Elements<'a> {
     }
 }
 
-/// Creates a parser at a position, and its progress.
+/// Creates a parser at a position, and what it shares.
 fn reader_at<'a>(
     path: &Path,
     bytes: &'a [u8],
     start: usize,
     syntax: &TransferSyntax,
-) -> Result<(LazyDataSetReader<Decoder<'a>>, Rc<Cell<u64>>)> {
+) -> Result<(LazyDataSetReader<Decoder<'a>>, Rc<Shared>)> {
     let mut cursor = Cursor::new(bytes);
     cursor.set_position(start as u64);
-    let position = Rc::new(Cell::new(start as u64));
-    let source = Tracked { cursor, position: position.clone() };
+    let shared = Rc::new(Shared { position: Cell::new(start as u64), length: Cell::new(None) });
+    let source = Tracked { cursor, shared: shared.clone() };
     let reader = LazyDataSetReader::new_with_ts(source, syntax).map_err(|e| damaged(path, start, &e))?;
-    Ok((reader, position))
+    Ok((reader, shared))
 }
 
 /// End of a sequence of undefined length whose items begin here and are written without representations.

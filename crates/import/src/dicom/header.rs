@@ -240,7 +240,6 @@ impl Header {
         while let Some(element) = elements.next()? {
             match element {
                 Element::Sequence(parents, tag) => self.enter(parents, tag),
-                Element::Unread(tag) => self.enter_unread(&[], tag)?,
                 Element::Pixels { tag, vr, length } => {
                     self.pixels = Some(PixelElement { tag, vr, length, offset: elements.into_position() });
                     break;

@@ -1,5 +1,6 @@
 //! Series written by dicom-object, whole and broken in every refused way.
 
+use super::jpeg_lossless_tests::Lossless;
 use crate::error::ImportError;
 use crate::open::{open, order_steps};
 use crate::options::{FileOrder, NoData, OpenOptions};
@@ -762,40 +763,9 @@ fn run_lengths_are_decoded_and_short_ones_refused() {
     assert!(packed(wild).unwrap_err().to_string().contains("past its end"));
 }
 
-/// Lossless JPEG (process 14, predictor 1: the pixel to the left) of 12-bit pixels.
+/// Lossless JPEG of 12-bit pixels.
 fn lossless_jpeg(pixels: &[u16], columns: u16) -> Vec<u8> {
-    let rows = (pixels.len() / columns as usize) as u16;
-    let [r, c] = [rows.to_be_bytes(), columns.to_be_bytes()];
-    let mut out = vec![0xff, 0xd8, 0xff, 0xc3, 0, 11, 12, r[0], r[1], c[0], c[1], 1, 1, 0x11, 0];
-    // One table: sixteen lengths of difference, each with a code of five bits, its own number.
-    out.extend([0xff, 0xc4, 0, 35, 0, 0, 0, 0, 0, 16, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]);
-    out.extend(0..16);
-    out.extend([0xff, 0xda, 0, 8, 1, 1, 0, 1, 0, 0]);
-    let mut bits = String::new();
-    for (i, &pixel) in pixels.iter().enumerate() {
-        let (x, y) = (i % columns as usize, i / columns as usize);
-        let predicted = match (x, y) {
-            (0, 0) => 1 << 11,
-            (0, _) => pixels[i - columns as usize],
-            _ => pixels[i - 1],
-        };
-        let difference = pixel as i32 - predicted as i32;
-        let length = 32 - difference.unsigned_abs().leading_zeros() as usize;
-        bits += &format!("{length:05b}");
-        let code = if difference < 0 { difference - 1 } else { difference };
-        bits += &format!("{code:032b}")[32 - length..];
-    }
-    for byte in bits.as_bytes().chunks(8) {
-        // Filled up with ones; a byte of ones is followed by one of zeros.
-        let text = format!("{:1<8}", std::str::from_utf8(byte).unwrap());
-        let byte = u8::from_str_radix(&text, 2).unwrap();
-        out.push(byte);
-        if byte == 0xff {
-            out.push(0);
-        }
-    }
-    out.extend([0xff, 0xd9]);
-    out
+    Lossless { bits: 12, columns, shift: 0, rows_to_restart: 0 }.packed(pixels)
 }
 
 #[test]
@@ -831,9 +801,24 @@ fn headers_in_another_syntax_than_is_named_are_read() {
 
 #[test]
 fn sequences_of_unknown_representation_are_passed_over() {
+    check_unknown(false);
+    check_unknown(true);
+}
+
+/// Checks that a sequence of unknown representation without a length is passed over, alone or nested in another.
+#[track_caller]
+fn check_unknown(is_nested: bool) {
     let private = Tag(0x0009, 0x1010);
     let mut slice = Written::slice(0.0, 7);
-    slice.0.put(DataElement::new(private, VR::UN, PrimitiveValue::from(vec![b'?'; 4])));
+    let mut within = Written(InMemDicomObject::new_empty());
+    let unknown = DataElement::new(private, VR::UN, PrimitiveValue::from(vec![b'?'; 4]));
+    if is_nested {
+        within.0.put(unknown);
+        within.number(tags::ROWS, 99);
+        slice.sequence(tags::REFERENCED_IMAGE_SEQUENCE, vec![within.0]);
+    } else {
+        slice.0.put(unknown);
+    }
     let folder = Folder::of([slice]);
     let bytes = std::fs::read(folder.file(0)).unwrap();
     let at = bytes.windows(6).position(|w| w == b"\x09\0\x10\x10UN").unwrap();

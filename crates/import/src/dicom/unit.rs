@@ -1,4 +1,4 @@
-//! Units of a series' values after rescaling: from the rescale type, PET's units, or the standard's rule for CT.
+//! Units of a series' values after rescaling: from the rescale type, PET's units, those of a dose, or the standard's rule for CT.
 
 use super::header::Header;
 use dicom_dictionary_std::tags;
@@ -9,6 +9,9 @@ pub(super) fn value_unit(header: &Header, frame: usize) -> Option<String> {
     let modality = header.text(tags::MODALITY).unwrap_or_default();
     if let Some(units) = text(tags::UNITS).filter(|_| modality == "PT") {
         return of_pet(&units);
+    }
+    if modality == "RTDOSE" {
+        return text(tags::DOSE_UNITS).filter(|unit| unit == "GY").map(|_| "Gy".into());
     }
     if let Some(kind) = text(tags::RESCALE_TYPE) {
         return of_rescale_type(&kind);
