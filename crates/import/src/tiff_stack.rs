@@ -22,6 +22,7 @@ mod opening;
 mod page;
 mod page_tags;
 mod refusal;
+mod scifio;
 mod shaped;
 mod stk;
 mod tag_scale;

@@ -1,8 +1,8 @@
 //! A TIFF file's description, by any program: the plane-to-page map, spacing and unit, times, channels, and the meaning of stored
 //! numbers.
 //!
-//! [`hyperstack`](super::hyperstack) (ImageJ), [`ome`](super::ome), [`shaped`](super::shaped) (tifffile), [`stk`](super::stk) (MetaMorph)
-//! and [`tag_scale`](super::tag_scale) fill it. A page order is followed or is a [`Description::problem`]; other unclear parts are
+//! [`hyperstack`](super::hyperstack) (ImageJ), [`ome`](super::ome), [`scifio`](super::scifio), [`shaped`](super::shaped) (tifffile),
+//! [`stk`](super::stk) (MetaMorph) and [`tag_scale`](super::tag_scale) fill it. A page order is followed or is a [`Description::problem`]; other unclear parts are
 //! dropped, with a note.
 
 use super::calibration::Calibration;

@@ -1,4 +1,5 @@
-//! ImageJ's description: lines of `key=value`. Pages run through channels first, then slices, then frames.
+//! ImageJ's description: lines of `key=value`. Pages run through channels first, then slices, then frames, unless an order says that slices go
+//! first, as in Micro-Manager's older files.
 
 use super::calibration::Calibration;
 use super::description::{Declared, Description};
@@ -22,9 +23,19 @@ pub(super) fn read(text: &str, resolution: Option<[f64; 2]>, samples: u16) -> De
     let frames = count("frames").unwrap_or(1);
     let others = channels.saturating_mul(frames);
     let slices = count("slices").unwrap_or(if others == 1 { images } else { 1 });
+    let page_axes = match value("order").unwrap_or("czt") {
+        "czt" => vec![Axis::T, Axis::Z, Axis::C],
+        "zct" => vec![Axis::T, Axis::C, Axis::Z],
+        other => {
+            return Description::unreadable(format!(
+                "its description (ImageJ's) has pages in the order '{other}', which ImageJ itself takes as 'czt'; pass \
+                 `axes` (with `channels` and `times`) to order them"
+            ));
+        }
+    };
     let mut description = Description {
         declared: Some(Declared {
-            page_axes: vec![Axis::T, Axis::Z, Axis::C],
+            page_axes,
             z: slices,
             channels,
             times: frames,
@@ -125,6 +136,19 @@ mod tests {
         let declared = d.declared.unwrap();
         assert_eq!(declared.page_axes, [Axis::T, Axis::Z, Axis::C]);
         assert_eq!((declared.z, declared.channels, declared.times, declared.planes()), (4, 2, 3, 24));
+    }
+
+    #[test]
+    fn slices_go_first_if_the_order_says_so() {
+        let of = |order: &str| read(&format!("ImageJ=1.53\nimages=4\nchannels=2\nslices=2\n{order}"), None, 1);
+        for (order, axes) in [
+            ("", [Axis::T, Axis::Z, Axis::C]),
+            ("order=czt\n", [Axis::T, Axis::Z, Axis::C]),
+            ("order=zct\n", [Axis::T, Axis::C, Axis::Z]),
+        ] {
+            assert_eq!(of(order).declared.unwrap().page_axes, axes, "{order}");
+        }
+        assert!(of("order=ctz\n").problem.unwrap().contains("the order 'ctz'"));
     }
 
     #[test]

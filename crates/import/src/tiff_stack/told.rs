@@ -8,7 +8,7 @@ use super::page::{OpenTiff, PageFormat, said};
 use super::refusal::is_damage;
 use super::tag_scale::ScaleTags;
 use super::xml::Failure;
-use super::{hyperstack, imagej, shaped, stk};
+use super::{hyperstack, imagej, scifio, shaped, stk};
 use crate::error::{ImportError, Result};
 use crate::note::Note;
 use brickyard_volume::ChannelLook;
@@ -125,17 +125,19 @@ impl OpenTiff {
             };
         }
         let is_imagej = start.starts_with(hyperstack::START);
-        if !is_imagej && !start.starts_with('{') && !start.starts_with("shape=") {
+        let is_scifio = start.starts_with(scifio::START);
+        if !is_imagej && !is_scifio && !start.starts_with('{') && !start.starts_with("shape=") {
             return Ok(None);
         }
         let text = self.text(length.min(shaped::LONGEST))?;
         let text = text.trim_end_matches(['\0', ' ', '\n']);
-        if length > shaped::LONGEST && (is_imagej || shaped::is_shaped(text)) {
+        if length > shaped::LONGEST && (is_imagej || is_scifio || shaped::is_shaped(text)) {
             return Ok(Some(too_long("a description", length, shaped::LONGEST)));
         }
-        Ok(match is_imagej {
-            true => Some(hyperstack::read(text, tags.resolution, format.samples)),
-            false => shaped::is_shaped(text).then(|| shaped::read(text, format, tags)),
+        Ok(match (is_imagej, is_scifio) {
+            (true, _) => Some(hyperstack::read(text, tags.resolution, format.samples)),
+            (_, true) => Some(scifio::read(text)),
+            _ => shaped::is_shaped(text).then(|| shaped::read(text, format, tags)),
         })
     }
 
