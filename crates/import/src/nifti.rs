@@ -388,6 +388,12 @@ mod tests {
         assert_eq!(info.orientation.unwrap().code(), "ALS");
         assert_eq!(info.notes, []);
 
+        // A quaternion longer than a rotation's is scaled to one: half a turn about z.
+        let (_folder, path) = write(Written { codes: [1, 0], quaternion: [0.0, 0.0, 2.0, 1.0, 2.0, 3.0], ..plain() });
+        let info = open(&path, &options()).unwrap().info().clone();
+        let expected = [[-0.5, 0.0, 0.0, 1.0], [0.0, -0.75, 0.0, 2.0], [0.0, 0.0, 2.0, 3.0]];
+        assert_eq!(info.orientation.unwrap().rows(), expected);
+
         // An unusable matrix is left out, with a note.
         for unusable in [[0.0; 12], [f32::NAN; 12]] {
             let (_folder, path) = write(Written { codes: [0, 1], srow: unusable, ..plain() });

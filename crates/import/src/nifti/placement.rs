@@ -83,6 +83,8 @@ fn affine(header: &Fields, spacing: [f64; 3]) -> Option<[[f64; 4]; 3]> {
     }
     let [b, c, d] = header.quaternion;
     let a = (1.0 - (b * b + c * c + d * d)).max(0.0).sqrt();
+    // Rounded, or wrong, to more than a rotation: scaled to one, as in the NIfTI library.
+    let [b, c, d] = [b, c, d].map(|n| n / (b * b + c * c + d * d).sqrt().max(1.0));
     let rotation = [
         [a * a + b * b - c * c - d * d, 2.0 * (b * c - a * d), 2.0 * (b * d + a * c)],
         [2.0 * (b * c + a * d), a * a + c * c - b * b - d * d, 2.0 * (c * d - a * b)],

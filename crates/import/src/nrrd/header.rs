@@ -120,6 +120,10 @@ impl Header {
             return Ok(());
         }
         let name: String = name.to_lowercase().split_whitespace().collect();
+        // A key may have a colon, too.
+        if line.contains(":=") && !KNOWN.contains(&&*name) {
+            return Ok(());
+        }
         let name = if name == "centers" { "centerings".into() } else { name };
         if self.get(&name).is_some() {
             return Err(self.invalid(format!("its header has the field '{name}' twice: leave one")));

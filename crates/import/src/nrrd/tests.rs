@@ -58,7 +58,7 @@ fn every_type_order_and_encoding_gives_the_values_written() {
         let field = Field { sizes: [7, 5, 3, 1, 1], voxel_type };
         let (endian, encoding) = (if big { "big" } else { "little" }, if packed { "GZ" } else { "raw" });
         let fields = format!(
-            "type: {name}\ndimension: 3\nsizes: 7 5 3\nendian: {endian}\nencoding: {encoding}\n# a: comment\nkey:=value\n"
+            "type: {name}\ndimension: 3\nsizes: 7 5 3\nendian: {endian}\nencoding: {encoding}\n# a: comment\nkey:=value\nhttp://key:=value\na: key:=value\na: kez:=value\n"
         );
         let data = field.bytes("zyx", big);
         let (one, two) = data.split_at(data.len() / 3);
