@@ -9,11 +9,11 @@ mod attributes;
 mod choice;
 mod decode;
 mod decode_bits;
-mod elements;
-mod fragments;
 mod dose;
 #[cfg(test)]
 mod dose_tests;
+mod elements;
+mod fragments;
 mod frames;
 #[cfg(test)]
 mod gap_tests;
@@ -299,6 +299,7 @@ impl DicomSeries {
         notes.extend(placement.notes);
         notes.extend(notes_on_values(&files, &slices, voxel_type));
         notes.extend(note_on_padding(&files, &slices, options.nodata));
+        notes.extend(note_on_rest(&files));
         placement::set_matrix(placement.matrix, &mut info, &mut notes);
         info.notes = notes;
         set_unit(&files, &slices, &mut info);
@@ -644,6 +645,10 @@ fn notes_on_values(files: &[(Header, Frames)], slices: &[Slice], voxel_type: Vox
             "Values are scaled by {slope} and shifted by {intercept}, as the header says, and held as {voxel_type}."
         )));
     }
+    let is_stored = slices.iter().all(|slice| (slice.meaning.slope, slice.meaning.intercept) == (1.0, 0.0));
+    if is_stored && files.iter().any(|(header, _)| header.has_real_world) {
+        notes.push(Note::warning("Values are as stored: the header's real-world values of them are not applied."));
+    }
     if voxel_type.is_float() && files.iter().any(|(_, frames)| frames.format.width == 4) {
         notes.push(Note::warning("32-bit numbers are rounded to the 24 bits of f32."));
     }
@@ -668,6 +673,20 @@ fn notes_on_values(files: &[(Header, Frames)], slices: &[Slice], voxel_type: Vox
         ));
     }
     notes
+}
+
+/// Notes bytes after the pixels, besides one that makes their number even.
+fn note_on_rest(files: &[(Header, Frames)]) -> Option<Note> {
+    let mut others = files.iter().filter(|(_, frames)| frames.spare_bytes > 1);
+    let (header, frames) = others.next()?;
+    let (bytes, name) = (frames.spare_bytes, name_of(&header.path));
+    let others = match others.count() as u64 {
+        0 => String::new(),
+        count => format!(", and those of {} more", counted(count, "file")),
+    };
+    Some(Note::warning(format!(
+        "{bytes} bytes after the pixels of {name}{others} are left out: NumberOfFrames, or the size of pictures, may say too little."
+    )))
 }
 
 /// Notes padding values outside the pixels' range.

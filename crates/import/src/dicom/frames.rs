@@ -60,6 +60,8 @@ pub(super) struct Frames {
     /// Ranges of each frame in the file, or in its inflated data set.
     places: Vec<Ranges>,
     pub(super) mosaic: Option<Mosaic>,
+    /// Bytes of native pixel data after the last frame.
+    pub(super) spare_bytes: u64,
 }
 
 impl Frames {
@@ -112,7 +114,9 @@ impl Frames {
             return Err(ImportError::unsupported(path, "a mosaic of several frames"));
         }
         header.confirm()?;
-        Ok(Self { format, packing, places, mosaic })
+        let held: u64 = places.iter().flatten().map(|range| range.1).sum();
+        let spare_bytes = pixels.length.map_or(0, |length| length.saturating_sub(held));
+        Ok(Self { format, packing, places, mosaic, spare_bytes })
     }
 
     pub(super) fn count(&self) -> usize {

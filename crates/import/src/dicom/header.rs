@@ -58,6 +58,8 @@ pub(super) struct Header {
     lists: [Vec<Values>; LISTS.len()],
     /// Whether the file maps stored values by a table (Modality LUT) in place of slope and intercept.
     pub(super) has_value_table: bool,
+    /// Whether the file gives real-world values of stored ones, which are for measuring.
+    pub(super) has_real_world: bool,
     /// Element with the pixels; `None` in a file without an image.
     pub(super) pixels: Option<PixelElement>,
 }
@@ -317,6 +319,7 @@ impl Header {
 
     /// Records the start of a sequence or an item.
     fn enter(&mut self, parents: &[Tag], tag: Tag) {
+        self.has_real_world |= tag == tags::REAL_WORLD_VALUE_MAPPING_SEQUENCE;
         match (parents, tag) {
             ([], tags::MODALITY_LUT_SEQUENCE) => self.has_value_table = true,
             ([tags::PER_FRAME_FUNCTIONAL_GROUPS_SEQUENCE], ITEM) => self.frames.push(Values::new()),

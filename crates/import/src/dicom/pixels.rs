@@ -53,8 +53,8 @@ impl PixelFormat {
             let feature = format!("{allocated} bits a pixel");
             return Err(ImportError::unsupported_but(path, feature, "8, 16 and 32 are read"));
         }
-        if !(rows >= 1.0 && columns >= 1.0) {
-            let problem = format!("is {columns} x {rows} pixels: every axis needs at least 1");
+        if ![rows, columns].iter().all(|n| (1.0..=65535.0).contains(n)) {
+            let problem = format!("is {columns} x {rows} pixels: every axis needs 1 to 65535");
             return Err(ImportError::invalid(path, problem));
         }
         if !(stored >= 1.0 && high + 1.0 >= stored && high < allocated) {

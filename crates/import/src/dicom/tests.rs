@@ -779,6 +779,18 @@ fn packed_icons_in_a_sequence_are_passed_over() {
 }
 
 #[test]
+fn what_is_left_out_of_pixels_is_said() {
+    let mut slice = Written::slice(0.0, 7);
+    slice.pixels(&(7..31).collect::<Vec<_>>());
+    slice.sequence(tags::REAL_WORLD_VALUE_MAPPING_SEQUENCE, vec![InMemDicomObject::new_empty()]);
+    let (_folder, source) = Folder::opened([slice]);
+    assert_eq!(voxels(&*source), (7..19).map(f64::from).collect::<Vec<_>>());
+    let notes = said(&source.info().notes);
+    assert!(is_warned(&notes, "24 bytes after the pixels of IM0 are left out"), "{notes}");
+    assert!(is_warned(&notes, "real-world values"), "{notes}");
+}
+
+#[test]
 fn headers_in_another_syntax_than_is_named_are_read() {
     let (explicit, implicit) = (uids::EXPLICIT_VR_LITTLE_ENDIAN, uids::IMPLICIT_VR_LITTLE_ENDIAN);
     for (named, written) in [(explicit, implicit), (implicit, explicit)] {
