@@ -6,6 +6,7 @@ mod one_type;
 mod tests;
 
 use crate::error::{ImportError, Result};
+use crate::mirrored::Mirrored;
 use crate::note::Note;
 use crate::options::OpenOptions;
 use crate::source::{Access, Source, SourceInfo, Take};
@@ -44,7 +45,8 @@ impl Channels {
     ///
     /// # Errors
     /// If there are none, two have one name, they differ in extent, times, place or value for no data, or no voxel type holds the values of all.
-    pub(crate) fn new(mut parts: Vec<NamedArray>, options: &OpenOptions) -> Result<Self> {
+    pub(crate) fn new(parts: Vec<NamedArray>, options: &OpenOptions) -> Result<Self> {
+        let mut parts = turned_alike(parts, options)?;
         let mut info = described(&parts)?;
         if one_type::are_unlike(&parts) {
             parts = one_type::in_one_type(parts, &info, options)?;
@@ -118,6 +120,28 @@ impl Source for Channels {
     }
 }
 
+/// Turns sources without a place as those are turned from which they take it: voxels of one number in their files lie in one place.
+///
+/// # Errors
+/// If the caller gives all a place, and some are turned: in which order the others are meant is not known.
+fn turned_alike(parts: Vec<NamedArray>, options: &OpenOptions) -> Result<Vec<NamedArray>> {
+    let Some(by) = parts.iter().find(|part| part.source.info().turned != [false; 3]) else { return Ok(parts) };
+    let (turned, shown) = (by.source.info().turned, shown(by));
+    let is_placed_by_caller = options.spacing.is_some() || options.origin.is_some();
+    if let Some(other) = parts.iter().find(|part| is_placed_by_caller && part.source.info().turned != turned) {
+        let problem = format!(
+            "its voxels come in the file's order, but those of {shown} turned round, as its coordinates descend: leave the place to \
+             these coordinates, without `spacing` and `origin`, or pack each by itself"
+        );
+        return Err(ImportError::options(&other.path, problem));
+    }
+    let turn = |part: NamedArray| match has_place(part.source.info()) {
+        true => part,
+        false => NamedArray { source: Mirrored::turned(part.source, turned), ..part },
+    };
+    Ok(parts.into_iter().map(turn).collect())
+}
+
 /// The description of all: that of the first source, with the place and times of the first which says them.
 fn described(parts: &[NamedArray]) -> Result<SourceInfo> {
     let Some(first) = parts.first() else {
@@ -139,8 +163,11 @@ fn described(parts: &[NamedArray]) -> Result<SourceInfo> {
             check_place(part, placed)?;
         } else if let Some(placed) = placed {
             let (name, other) = (&part.name, &placed.name);
-            info.notes
-                .push(Note::new(format!("{name} has no voxel size or place of its own: it takes those of {other}.")));
+            let turned =
+                if placed.source.info().turned == [false; 3] { "" } else { ", and is turned round as that is" };
+            info.notes.push(Note::new(format!(
+                "{name} has no voxel size or place of its own: it takes those of {other}{turned}."
+            )));
         }
         if let Some(timed) = timed.filter(|timed| own.time.is_some() && own.time != timed.source.info().time) {
             let problem = format!(

@@ -137,7 +137,8 @@ fn open_entry(
     info.notes = notes;
     info.notes.extend(cf::unapplied(tree, entry));
     cf::place(&mut info, tree, entry, &axes);
-    let descend = place(&mut info, &dims, &axes);
+    let turned = place(&mut info, &dims, &axes);
+    info.turned = turned;
     let has_members = !stored.members.is_empty();
     if has_members {
         let look = |name: &String| ChannelLook { name: Some(name.clone()), ..ChannelLook::default() };
@@ -149,7 +150,7 @@ fn open_entry(
         Elements::Piece(start) => Box::new(opening.piece(start, what, options)?),
         Elements::Chunks(chunks) => Box::new(opening.chunks(vec![chunks], options)?),
     };
-    Ok(Mirrored::turned(source, descend))
+    Ok(Mirrored::turned(source, turned))
 }
 
 /// Gives each axis of a dataset its letter, and the volume its sizes.

@@ -83,9 +83,10 @@ fn open_in(path: &Path, file: &MappedFile, options: &OpenOptions) -> Result<Box<
     }
     let mut info = opening.info(path)?;
     info.notes = notes;
-    let descend = place(&mut info, &dims, &opening.axes);
+    let turned = place(&mut info, &dims, &opening.axes);
+    info.turned = turned;
     values.describe(&mut info);
-    Ok(Mirrored::turned(Box::new(opening.source(path, info)?), descend))
+    Ok(Mirrored::turned(Box::new(opening.source(path, info)?), turned))
 }
 
 /// A variable about to be opened.

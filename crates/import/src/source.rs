@@ -28,6 +28,8 @@ pub struct SourceInfo {
     pub calibrated: bool,
     /// Whether the caller gives the volume's position: the default origin is then meant as well.
     pub says_origin: bool,
+    /// Axes along which the voxels come in the reverse order of the file's, as its coordinates descend: x, y, z.
+    pub turned: [bool; 3],
     /// Orientation of the volume in a patient, if the format has one.
     pub orientation: Option<Orientation>,
     /// Looks of the channels, from the format; empty, or one per channel.
@@ -55,6 +57,7 @@ impl SourceInfo {
             geometry: Geometry::default(),
             calibrated: false,
             says_origin: false,
+            turned: [false; 3],
             orientation: None,
             channel_looks: Vec::new(),
             nodata: None,

@@ -180,6 +180,7 @@ mod tests {
             geometry: Geometry { spacing: glam::DVec3::new(1.0, 1.0, 1.7), ..Geometry::default() },
             calibrated: true,
             says_origin: false,
+            turned: [false; 3],
             orientation: None,
             channel_looks: Vec::new(),
             time: None,

@@ -353,6 +353,7 @@ mod tests {
             },
             calibrated: true,
             says_origin: false,
+            turned: [false; 3],
             orientation: None,
             channel_looks: Vec::new(),
             time: None,

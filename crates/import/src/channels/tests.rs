@@ -3,7 +3,7 @@
 use super::*;
 use crate::open::open;
 use crate::options::{ArrayPlace, ChannelArray, NoData, OpenOptions};
-use crate::testing::{Field, assert_boxes, temp_file};
+use crate::testing::{Field, assert_boxes, said, temp_file};
 use brickyard_volume::VoxelType;
 use glam::DVec3;
 use std::path::Path;
@@ -237,6 +237,28 @@ fn places_must_agree_and_may_be_said_once() {
     assert!(refusal(placed("b", 0.5, 2.0, "millimeter")).contains("`unit`"));
     let near = placed("b", 0.5 + 1e-9, 2.0 - 1e-9, "meter");
     assert!(channels_of(vec![placed("a", 0.5, 2.0, "meter"), near]).is_ok());
+}
+
+/// Coordinates that descend turn their own array, and those that have none.
+#[test]
+fn arrays_without_a_place_are_turned_as_that_which_gives_it() {
+    let (_folder, path) = temp_file("a.raw", &[0, 1, 2, 3, 4, 5, 6, 7]);
+    let turned = |name: &str, turned: [bool; 3]| {
+        described_as(&path, name, |info| (info.calibrated, info.turned) = (true, turned))
+    };
+    let parts = || vec![turned("a", [true, true, false]), described_as(&path, "b", |_| ()), turned("c", [false; 3])];
+    let joined = channels_of(parts()).unwrap();
+    let rows = |channel: u32| {
+        let mut out = [0; 8];
+        joined.read_box(0, channel, Extent::new(4, 2, 1).full_box(), &mut out).unwrap();
+        out
+    };
+    assert_eq!([rows(1), rows(2)], [[7, 6, 5, 4, 3, 2, 1, 0], [0, 1, 2, 3, 4, 5, 6, 7]]);
+    assert!(said(&joined.info().notes).contains("b has no voxel size or place of its own"));
+    assert!(said(&joined.info().notes).contains("takes those of a, and is turned round as that is"));
+    let placed = OpenOptions { spacing: Some(DVec3::ONE), ..OpenOptions::default() };
+    let message = Channels::new(parts(), &placed).err().unwrap().to_string();
+    assert!(message.contains("without `spacing` and `origin`"), "{message}");
 }
 
 #[test]

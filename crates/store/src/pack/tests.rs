@@ -55,6 +55,7 @@ impl<T: Voxel> Array<T> {
             geometry: Geometry::default(),
             calibrated: false,
             says_origin: false,
+            turned: [false; 3],
             orientation: None,
             channel_looks: Vec::new(),
             time: None,

@@ -376,6 +376,7 @@ fn packed(folder: &tempfile::TempDir, voxel: fn([u32; 3]) -> u8) -> VolumeSource
         geometry: Geometry::default(),
         calibrated: true,
         says_origin: false,
+        turned: [false; 3],
         orientation: None,
         channel_looks: Vec::new(),
         time: None,

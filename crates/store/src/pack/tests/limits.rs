@@ -63,6 +63,7 @@ fn source_info() -> impl Strategy<Value = SourceInfo> {
                 geometry,
                 calibrated,
                 says_origin: is_origin,
+                turned: [false; 3],
                 orientation,
                 channel_looks: Vec::new(),
                 time,
