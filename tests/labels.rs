@@ -403,7 +403,7 @@ fn files_that_say_so_are_labels() {
     header[68..70].copy_from_slice(&1002i16.to_le_bytes());
     sandbox.write("labels.nii", [&header[..], &voxels].concat());
     let kind_of = |store: &str| {
-        let store = Store::open(&sandbox.path(store)).expect("a store");
+        let store = Store::open(sandbox.path(store)).expect("a store");
         (store.info().kind, store.info().downsample.main())
     };
     for (line, store, kind, is_said) in [
