@@ -19,6 +19,9 @@ const SAME_DIRECTION_VOXELS: f64 = 1e-2;
 /// How far below a face a centre counts as on it, in cells: rounding errors are smaller.
 const ON_FACE_CELLS: f64 = 1e-9;
 
+/// Largest difference of cells of one volume, relative.
+const SAME_VOLUME: f64 = 1e-9;
+
 /// Greatest distance in voxels: whole numbers and halves are exact in f64.
 const FARTHEST_VOXELS: f64 = 1e15;
 
@@ -275,7 +278,11 @@ impl Lattice {
             })
             .collect();
         let mut order: Vec<usize> = (0..steps.len()).collect();
-        order.sort_by(|a, b| ratios[*a].element_product().total_cmp(&ratios[*b].element_product()));
+        let volume = |i: usize| ratios[i].element_product();
+        order.sort_by(|a, b| volume(*a).total_cmp(&volume(*b)));
+        // Equal cells may differ in the last digits, as products of unlike factors.
+        let are_equal = |a: &usize, b: &usize| volume(*b) - volume(*a) <= SAME_VOLUME * volume(*a);
+        order.chunk_by_mut(are_equal).for_each(<[usize]>::sort_unstable);
         let base = std::array::from_fn(|axis| {
             order.iter().copied().find(|i| ratios[*i][axis] == 1.0).unwrap_or(shortest[axis])
         });
