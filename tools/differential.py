@@ -52,14 +52,19 @@ BAD = OUTCOMES[3:]
 def arguments():
     ap = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     ap.add_argument("names", nargs="*")
-    built = next((p for p in ("target/release/brickyard", "target/debug/brickyard") if (ROOT / p).exists()), None)
-    ap.add_argument("--brickyard", default=built and ROOT / built, type=pathlib.Path)
     ap.add_argument("--random", default=100, type=int, help="written files of each format")
     ap.add_argument("--seed", default=1, type=int)
     ap.add_argument("--jobs", default=2, type=int)
     ap.add_argument("--memory", default="256MiB")
     ap.add_argument("--timeout", default=120.0, type=float, help="seconds after which a command hangs")
     ap.add_argument("--out", default=ROOT / "target/differential", type=pathlib.Path)
+    return parsed(ap)
+
+
+def parsed(ap):
+    """Arguments with the command to try, which is built already, and absolute paths."""
+    built = next((p for p in ("target/release/brickyard", "target/debug/brickyard") if (ROOT / p).exists()), None)
+    ap.add_argument("--brickyard", default=built and ROOT / built, type=pathlib.Path)
     a = ap.parse_args()
     if a.brickyard is None or not a.brickyard.exists():
         sys.exit(f"{a.brickyard or 'brickyard'}: no such command; build it with: cargo build --release -p brickyard-cli")

@@ -18,7 +18,7 @@ import sys
 import time
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
-from differential import ROOT, enter_environment
+from differential import ROOT, enter_environment, parsed
 
 UNITS = {"KiB": 1 << 10, "MiB": 1 << 20, "GiB": 1 << 30}
 # Voxels along x and y of every plane.
@@ -30,17 +30,11 @@ RATED = ["hdf5-gzip", "netcdf4-zlib", "nrrd-gzip", "tiff-deflate", "dicom", "nif
 def arguments():
     ap = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     ap.add_argument("formats", nargs="*")
-    built = next((p for p in ("target/release/brickyard", "target/debug/brickyard") if (ROOT / p).exists()), None)
-    ap.add_argument("--brickyard", default=built and ROOT / built, type=pathlib.Path)
     ap.add_argument("--rates", action="store_true")
     ap.add_argument("--gib", default=4.0, type=float)
     ap.add_argument("--memory", default="512MiB")
     ap.add_argument("--out", default=ROOT / "target/large-inputs", type=pathlib.Path)
-    a = ap.parse_args()
-    if a.brickyard is None or not a.brickyard.exists():
-        sys.exit(f"{a.brickyard or 'brickyard'}: no such command; build it with: cargo build --release -p brickyard-cli")
-    a.brickyard, a.out = a.brickyard.resolve(), a.out.resolve()
-    return a
+    return parsed(ap)
 
 
 class Volume:

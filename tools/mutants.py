@@ -32,7 +32,7 @@ import zipfile
 import zlib
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
-from differential import ROOT, enter_environment
+from differential import ROOT, enter_environment, parsed
 
 UNITS = {"KiB": 1 << 10, "MiB": 1 << 20, "GiB": 1 << 30}
 SEEDS = 24
@@ -51,19 +51,13 @@ OUTCOMES = ["packed", "planned", "refused (3)", "refused (2)", "refused in packi
 def arguments():
     ap = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     ap.add_argument("readers", nargs="*")
-    built = next((p for p in ("target/release/brickyard", "target/debug/brickyard") if (ROOT / p).exists()), None)
-    ap.add_argument("--brickyard", default=built and ROOT / built, type=pathlib.Path)
     ap.add_argument("--mutants", default=10000, type=int, help="of each reader")
     ap.add_argument("--first", default=0, type=int, help="number of the first mutant")
     ap.add_argument("--seed", default=1, type=int)
     ap.add_argument("--jobs", default=2, type=int)
     ap.add_argument("--memory", default="64MiB")
     ap.add_argument("--out", default=ROOT / "target/mutants", type=pathlib.Path)
-    a = ap.parse_args()
-    if a.brickyard is None or not a.brickyard.exists():
-        sys.exit(f"{a.brickyard or 'brickyard'}: no such command; build it with: cargo build --release -p brickyard-cli")
-    a.brickyard, a.out = a.brickyard.resolve(), a.out.resolve()
-    return a
+    return parsed(ap)
 
 
 # Changes of bytes

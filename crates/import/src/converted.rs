@@ -3,6 +3,7 @@
 //! Where values may be lost, the part of the input to be taken is read for it once when it is opened: losses are counted and told, or the
 //! first one is an error with its place. A box is read in pieces of at most 4 MiB, or of a plane, and converted; nothing is lent.
 
+use crate::boxes::{blocks, pieces};
 use crate::conversion::{Conversion, Fate};
 use crate::error::{ImportError, Result};
 use crate::note::Note;
@@ -163,22 +164,6 @@ impl Converted {
         };
         Err(ImportError::options(&self.path, problem))
     }
-
-    /// The largest boxes to read at once: planes, rows or parts of rows.
-    fn pieces(&self, region: VoxelBox) -> impl Iterator<Item = VoxelBox> + use<> {
-        let extent = region.extent();
-        let most = PIECE_BYTES / self.conversion.from.bytes() as u64;
-        let x = u64::from(extent.x).min(most);
-        let y = u64::from(extent.y).min(most / x).max(1);
-        let z = u64::from(extent.z).min(most / (x * y)).max(1);
-        let steps = match self.source.access() {
-            // A plane in parts would be decoded for each.
-            Access::Planes => [extent.x, extent.y, if y < u64::from(extent.y) { 1 } else { z as u32 }],
-            // Rows of several planes are never read together, so that pieces stay in order.
-            Access::Box => [x, y, if y < u64::from(extent.y) { 1 } else { z }].map(|step| step as u32),
-        };
-        blocks(region, steps)
-    }
 }
 
 impl Lost {
@@ -222,18 +207,6 @@ fn voxel_of(region: VoxelBox, i: usize) -> [u32; 3] {
     std::array::from_fn(|axis| first[axis] + place[axis] as u32)
 }
 
-/// Parts of a box, at most `steps` voxels along each axis, x fastest.
-fn blocks(region: VoxelBox, steps: [u32; 3]) -> impl Iterator<Item = VoxelBox> + use<> {
-    let (low, high) = (region.min.to_array(), region.max.to_array());
-    let along = move |axis: usize| {
-        let step = steps[axis];
-        (low[axis]..high[axis]).step_by(step as usize).map(move |at| (at, at.saturating_add(step).min(high[axis])))
-    };
-    along(2)
-        .flat_map(move |z| along(1).flat_map(move |y| along(0).map(move |x| (x, y, z))))
-        .map(|(x, y, z): ((u32, u32), (u32, u32), (u32, u32))| VoxelBox::new([x.0, y.0, z.0], [x.1, y.1, z.1]))
-}
-
 impl Source for Converted {
     fn info(&self) -> &SourceInfo {
         &self.info
@@ -258,8 +231,8 @@ impl Source for Converted {
         self.info.check_box(time, channel, region, out);
         let (from, to) = (self.conversion.from.bytes(), self.conversion.to.bytes());
         let (mut voxels, mut rest) = (Vec::new(), out);
-        // Pieces follow each other in memory: each is whole along all axes but its slowest.
-        for piece in self.pieces(region) {
+        let most = PIECE_BYTES / from as u64;
+        for piece in pieces(region, self.access(), most) {
             let count = piece.extent().volume() as usize;
             voxels.resize(count * from, 0);
             self.source.read_box(time, channel, piece, &mut voxels)?;

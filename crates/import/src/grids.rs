@@ -12,7 +12,7 @@ mod marks;
 mod tests;
 mod union;
 
-use crate::boxes::inside;
+use crate::boxes::{inside, pieces};
 use crate::error::{ImportError, Result};
 use crate::options::OpenOptions;
 use crate::raw::identity;
@@ -116,25 +116,6 @@ impl Grids {
     /// The sum of an amount over the grids' sources.
     fn sum(&self, of: impl Fn(&dyn Source) -> u64) -> u64 {
         self.layers.iter().fold(0, |sum, layer| sum.saturating_add(of(&*layer.grid.source)))
-    }
-
-    /// The largest boxes to fill at once, which follow each other in memory: planes, rows or parts of rows.
-    fn pieces(&self, region: VoxelBox) -> impl Iterator<Item = VoxelBox> + use<> {
-        let [x, y, z] = region.extent().to_array().map(u64::from);
-        let (x_at_once, y_at_once) = match self.access() {
-            // A plane in parts would be decoded for each.
-            Access::Planes => (x, y),
-            Access::Box => (x.min(PIECE_VOXELS), y.min(PIECE_VOXELS / x.min(PIECE_VOXELS)).max(1)),
-        };
-        let z_at_once = if (x_at_once, y_at_once) == (x, y) { z.min(PIECE_VOXELS / (x * y)).max(1) } else { 1 };
-        let (low, high) = (region.min.to_array(), region.max.to_array());
-        let along = move |axis: usize, at_once: u64| {
-            let starts = (low[axis]..high[axis]).step_by(at_once as usize);
-            starts.map(move |at| [at, at.saturating_add(at_once as u32).min(high[axis])])
-        };
-        let rows = along(2, z_at_once).flat_map(move |z| along(1, y_at_once).map(move |y| [y, z]));
-        rows.flat_map(move |[y, z]| along(0, x_at_once).map(move |x| [x, y, z]))
-            .map(|[x, y, z]| VoxelBox::new([x[0], y[0], z[0]], [x[1], y[1], z[1]]))
     }
 
     /// Fills a piece.
@@ -307,7 +288,7 @@ impl Source for Grids {
     fn read_box(&self, time: u32, channel: u32, region: VoxelBox, out: &mut [u8]) -> Result<(), ImportError> {
         self.info.check_box(time, channel, region, out);
         let (mut rest, mut buffers) = (out, Buffers::default());
-        for piece in self.pieces(region) {
+        for piece in pieces(region, self.access(), PIECE_VOXELS) {
             let bytes = piece.extent().volume() as usize * self.info.voxel_type.bytes();
             let (own, others) = rest.split_at_mut(bytes);
             self.fill(time, channel, piece, own, &mut buffers)?;
