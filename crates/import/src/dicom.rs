@@ -184,6 +184,19 @@ pub(crate) fn are_labels(path: &Path) -> Result<bool> {
     Ok(is_segmentation(&header) && segmentation::are_labels(&header)?)
 }
 
+/// Whether the files of the series chosen by `variable` are such segmentations.
+pub(crate) fn chosen_are_labels(paths: &[PathBuf], is_folder: bool, options: &OpenOptions) -> Result<bool> {
+    let headers = paths.iter().map(|path| Header::read(path)).collect::<Result<Vec<_>>>()?;
+    let images = headers.into_iter().filter(is_image).collect();
+    let chosen = choose(images, is_folder, options.variable.as_deref())?;
+    for header in &chosen.headers {
+        if !is_segmentation(header) || !segmentation::are_labels(header)? {
+            return Ok(false);
+        }
+    }
+    Ok(true)
+}
+
 /// Whether a file holds more than one slice of its series.
 fn stands_alone(header: &Header) -> bool {
     header.number(tags::NUMBER_OF_FRAMES).is_some_and(|n| n > 1.0) || header.is_mosaic() || is_segmentation(header)

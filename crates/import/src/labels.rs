@@ -2,12 +2,15 @@
 
 use crate::format::Format;
 use crate::format_of::format_of;
+use crate::grids::{Entry, GridList};
 use crate::note::Note;
-use crate::open::paths_of;
+use crate::open::{Named, paths_of};
 use crate::options::OpenOptions;
 use crate::variable::split_variable;
 use crate::{dicom, nifti, nrrd, pipe};
 use std::path::{Path, PathBuf};
+
+const OF_DICOM: &str = "the kind of DICOM file, a segmentation";
 
 /// The files' word that all their voxels are labels, in a sentence; `None` if one file does not say so, or cannot be examined. It is the
 /// caller's to heed, by [`OpenOptions::are_labels`].
@@ -34,8 +37,20 @@ fn word_of_all(inputs: &[PathBuf], options: &OpenOptions) -> Option<&'static str
     if inputs.iter().any(|input| pipe::is_pipe(input)) {
         return None;
     }
-    let files = paths_of(&inputs, &options).ok()?.paths;
-    common(files.iter().map(|file| word_of(file, &options)))
+    let Named { paths, is_folder, .. } = paths_of(&inputs, &options).ok()?;
+    match format_of(paths.first()?, &options).ok()? {
+        // Of several series in a folder one is read.
+        Format::Dicom if options.variable.is_some() => {
+            dicom::chosen_are_labels(&paths, is_folder, &options).ok()?.then_some(OF_DICOM)
+        }
+        Format::Grids => {
+            let list = GridList::read(&paths[0]).ok()?;
+            let word =
+                |entry: &Entry| word_of_all(std::slice::from_ref(&entry.input), &list.options(entry, &options).ok()?);
+            common(list.entries.iter().map(word))
+        }
+        _ => common(paths.iter().map(|file| word_of(file, &options))),
+    }
 }
 
 /// The first word, if all have one.
@@ -50,7 +65,7 @@ fn common(words: impl Iterator<Item = Option<&'static str>>) -> Option<&'static 
 fn word_of(path: &Path, options: &OpenOptions) -> Option<&'static str> {
     // Files that cannot be examined are reported on opening.
     let (are_labels, word) = match format_of(path, options).ok()? {
-        Format::Dicom => (dicom::are_labels(path), "the kind of DICOM file, a segmentation"),
+        Format::Dicom => (dicom::are_labels(path), OF_DICOM),
         Format::Nifti => (nifti::are_labels(path), "the header's intent (NIFTI_INTENT_LABEL)"),
         Format::Nrrd => (nrrd::are_labels(path), "the header's segments (3D Slicer)"),
         _ => return None,

@@ -7,16 +7,27 @@ use std::ops::Deref;
 pub struct Note {
     text: String,
     is_warning: bool,
+    /// Whether it tells the file's value for no data, which a caller's replaces.
+    is_on_nodata: bool,
 }
 
 impl Note {
     /// Creates a routine remark.
     pub(crate) fn new(text: impl Into<String>) -> Self {
-        Self { text: text.into(), is_warning: false }
+        Self { text: text.into(), is_warning: false, is_on_nodata: false }
     }
 
     pub(crate) fn warning(text: impl Into<String>) -> Self {
-        Self { text: text.into(), is_warning: true }
+        Self { text: text.into(), is_warning: true, is_on_nodata: false }
+    }
+
+    /// Marks a remark on the file's value for no data.
+    pub(crate) fn on_nodata(self) -> Self {
+        Self { is_on_nodata: true, ..self }
+    }
+
+    pub(crate) fn is_on_nodata(&self) -> bool {
+        self.is_on_nodata
     }
 
     /// Prefixes the remark with its subject.

@@ -154,7 +154,7 @@ fn open_volume(inputs: &[PathBuf], options: &OpenOptions) -> Result<Box<dyn Sour
 /// The files that inputs name.
 pub(crate) struct Named {
     pub(crate) paths: Vec<PathBuf>,
-    is_folder: bool,
+    pub(crate) is_folder: bool,
     /// Whether nobody has put them in order.
     is_unordered: bool,
 }
@@ -365,6 +365,7 @@ fn override_nodata(info: &mut SourceInfo, path: &Path, nodata: NoData) -> Result
         NoData::Value(value) => Some(value.clamp(low, high)),
     };
     (info.nodata, info.knows_nodata) = (value, false);
+    info.notes.retain(|note| !note.is_on_nodata());
     Ok(())
 }
 

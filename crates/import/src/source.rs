@@ -141,13 +141,13 @@ impl SourceInfo {
         if voxel_type.holds(narrowed) {
             self.nodata = Some(narrowed);
             let what = if is_float { "they become NaN" } else { "they are left out" };
-            self.notes.push(Note::new(note(&exact(narrowed, is_float), what)));
+            self.notes.push(Note::new(note(&exact(narrowed, is_float), what)).on_nodata());
         } else if value.is_finite() {
             let what = match is_float {
                 true => "f32 cannot hold it, and infinite values hold no data anyway",
                 false => &format!("no {voxel_type} voxel can have this value"),
             };
-            self.notes.push(Note::warning(note(&exact(value, false), what)));
+            self.notes.push(Note::warning(note(&exact(value, false), what)).on_nodata());
         }
     }
 
