@@ -186,7 +186,7 @@ pub(crate) fn values_of(
     if let (Some(scale), Some(absent)) = (&mut scale, &absent)
         && scale.to == VoxelType::F32
         && absent.stored.is_finite()
-        && nodata == NoData::OfFile
+        && nodata != NoData::None
     {
         scale.absent = Some(absent.stored);
     }

@@ -128,12 +128,22 @@ fn turned_alike(parts: Vec<NamedArray>, options: &OpenOptions) -> Result<Vec<Nam
     let Some(by) = parts.iter().find(|part| part.source.info().turned != [false; 3]) else { return Ok(parts) };
     let (turned, shown) = (by.source.info().turned, shown(by));
     let is_placed_by_caller = options.spacing.is_some() || options.origin.is_some();
-    if let Some(other) = parts.iter().find(|part| is_placed_by_caller && part.source.info().turned != turned) {
+    let is_other = |part: &&NamedArray| part.source.info().turned != turned;
+    if let Some(other) = parts.iter().find(|part| is_placed_by_caller && is_other(part)) {
         let problem = format!(
             "its voxels come in the file's order, but those of {shown} turned round, as its coordinates descend: leave the place to \
              these coordinates, without `spacing` and `origin`, or pack each by itself"
         );
         return Err(ImportError::options(&other.path, problem));
+    }
+    let placeless = parts.iter().find(|part| !has_place(part.source.info()));
+    let other = parts.iter().find(|part| has_place(part.source.info()) && is_other(part));
+    if let (Some(placeless), Some(other)) = (placeless, other) {
+        let problem = format!(
+            "it has no place of its own, and the axes of {shown} and {} run in unlike orders in their files: its own is not known; pack it by itself",
+            other.name
+        );
+        return Err(ImportError::options(&placeless.path, problem));
     }
     let turn = |part: NamedArray| match has_place(part.source.info()) {
         true => part,
@@ -217,7 +227,9 @@ fn shown(part: &NamedArray) -> String {
 
 /// Whether a source says where its voxels are.
 fn has_place(info: &SourceInfo) -> bool {
-    info.calibrated || info.says_origin || info.orientation.is_some() || info.geometry != Geometry::default()
+    let Geometry { spacing, origin, .. } = Geometry::default();
+    let differs = info.geometry.spacing != spacing || info.geometry.origin != origin;
+    info.calibrated || info.says_origin || info.orientation.is_some() || differs
 }
 
 /// Checks the properties shared by all channels of a volume.

@@ -15,8 +15,7 @@ const OF_DICOM: &str = "the kind of DICOM file, a segmentation";
 /// The files' word that all their voxels are labels, in a sentence; `None` if one file does not say so, or cannot be examined. It is the
 /// caller's to heed, by [`OpenOptions::are_labels`].
 pub fn labels_said(inputs: &[PathBuf], options: &OpenOptions) -> Option<Note> {
-    // A magnitude is no label.
-    if options.component.is_some() {
+    if matches!(options.component.as_deref(), Some("magnitude" | "phase")) {
         return None;
     }
     let word = match &options.channel_arrays[..] {
@@ -144,7 +143,7 @@ mod tests {
     }
 
     #[test]
-    fn all_files_must_say_so_and_no_component_is_one() {
+    fn all_files_must_say_so_and_no_magnitude_is_one() {
         let (folder, first) = temp_file("a1.nii", &nifti(1002, 1.0, 4));
         let second = folder.path().join("a2.nii");
         std::fs::write(&second, nifti(1002, 1.0, 4)).unwrap();
@@ -155,6 +154,16 @@ mod tests {
         assert!(labels_said(&[folder.path().to_owned()], &plain).is_some());
         let magnitude = OpenOptions { component: Some("magnitude".into()), ..plain.clone() };
         assert!(labels_said(&both, &magnitude).is_none());
+        let layer = OpenOptions { component: Some("0".into()), ..plain.clone() };
+        assert!(labels_said(&both, &layer).is_some());
+        let list = folder.path().join("list.json");
+        let says_list = |files: [&str; 2]| {
+            let grids = files.map(|file| format!("{{\"file\": \"{file}\"}}"));
+            std::fs::write(&list, format!("{{\"grids\": [{}]}}", grids.join(","))).unwrap();
+            labels_said(std::slice::from_ref(&list), &plain).is_some()
+        };
+        assert!(says_list(["a1.nii", "a2.nii"]) && !says_list(["a1.nii", "none.nii"]));
+        std::fs::remove_file(&list).unwrap();
         std::fs::write(&second, nifti(0, 1.0, 4)).unwrap();
         assert!(labels_said(&both, &plain).is_none());
         let array = |file: &PathBuf| ChannelArray { name: "a".into(), place: ArrayPlace::File(file.clone()) };

@@ -147,7 +147,8 @@ fn segmentations_but_fractions_say_that_they_are_labels() {
     let ramp: [u8; 15] = std::array::from_fn(|i| 10 * i as u8);
     for (form, are_labels) in [("BINARY", true), ("LABELMAP", true), ("FRACTIONAL", false), ("OTHER", false)] {
         let (_folder, path) = saved(&segmentation(form, &[(0.0, 1, ramp)]));
-        assert_eq!(labels_said(&[path], &OpenOptions::default()).is_some(), are_labels, "{form}");
+        assert_eq!(labels_said(std::slice::from_ref(&path), &OpenOptions::default()).is_some(), are_labels, "{form}");
+        assert_eq!(labels_said(&[path], &named("1")).is_some(), are_labels, "{form}");
     }
 }
 

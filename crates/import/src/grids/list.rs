@@ -91,7 +91,7 @@ impl GridList {
     /// part are the caller's later.
     pub(crate) fn options(&self, entry: &Entry, caller: &OpenOptions) -> Result<OpenOptions> {
         let own = entry.fields.options(&self.path)?;
-        let nodata = match (caller.nodata, entry.fields.nodata.or(self.nodata)) {
+        let nodata = match (caller.nodata, entry.fields.nodata) {
             (NoData::OfFile, Some(value)) => NoData::Value(value),
             (said, _) => said,
         };
@@ -101,6 +101,7 @@ impl GridList {
             order: caller.order,
             gaps: caller.gaps,
             held_as: caller.held_as,
+            to_voxel_type: caller.to_voxel_type,
             nodata,
             allow_lossy: caller.allow_lossy,
             are_labels: caller.are_labels,

@@ -30,7 +30,7 @@ impl Marks {
         let sought: Vec<Option<f64>> = infos
             .iter()
             .map(|info| match info.nodata {
-                None if !info.knows_nodata => held.map(narrowed),
+                None if !info.knows_nodata && options.nodata == NoData::OfFile => list.nodata.or(held).map(narrowed),
                 _ => info.sought_nodata(),
             })
             .collect();

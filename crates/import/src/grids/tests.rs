@@ -100,6 +100,37 @@ fn plain() -> [Value; 2] {
     [json!({}), json!({})]
 }
 
+/// A fine grid in ENVI's form, of -1 for no data by its header, over a coarse one.
+fn with_marks(dtype: &str, fine: [i16; 2]) -> Listed {
+    let mut listed = row(dtype, [10.0, 20.0], [0.0, 0.0], plain());
+    let header = "ENVI\nsamples = 2\nlines = 1\nbands = 1\ndata type = 2\nbyte order = 0\ninterleave = bsq\ndata ignore value = -1\n";
+    std::fs::write(listed.path("fine.hdr"), header).unwrap();
+    std::fs::write(listed.path("fine.raw"), fine.map(i16::to_le_bytes).as_flattened()).unwrap();
+    listed.grids[1] = json!({"file": "fine.hdr", "spacing": [1, 1, 1], "origin": [3, 0, 0]});
+    listed
+}
+
+#[test]
+fn a_file_s_own_value_for_no_data_holds_beside_the_list_s() {
+    let source = with_marks("i16", [-1, 4]).kept(&json!({"nodata": -7}), &OpenOptions::default());
+    assert_eq!((all(&*source), source.info().nodata), (vec![10.0, 10.0, 20.0, 20.0, 4.0], Some(-7.0)));
+    let source = with_marks("f32", [5, -1]).kept(&json!({"nodata": -7}), &OpenOptions::default());
+    let found = all(&*source);
+    assert!(found[..4] == [10.0, 10.0, 20.0, 5.0] && found[4].is_nan(), "{found:?}");
+}
+
+/// Without a way over the type of such numbers otherwise.
+#[test]
+fn wide_numbers_reach_the_type_asked_for() {
+    let listed = Listed::new().with("a.raw", "u32", [2, 1, 1], &[1.0, 2.0], place(1.0, [1.0; 3]));
+    std::fs::write(listed.path("a.raw"), [3_000_000_000i64, 5].map(i64::to_le_bytes).as_flattened()).unwrap();
+    let list = listed.written(&json!({}));
+    let text = std::fs::read_to_string(&list).unwrap().replace("u32", "i64");
+    std::fs::write(&list, text).unwrap();
+    let options = OpenOptions { to_voxel_type: Some(VoxelType::U32), ..OpenOptions::default() };
+    assert_eq!(all(&*open(&[list], &options).unwrap()), [3e9, 5.0]);
+}
+
 #[test]
 fn the_finest_grid_counts_and_cells_are_repeated() {
     let listed = row("u8", [10.0, 20.0], [3.0, 4.0], plain());
