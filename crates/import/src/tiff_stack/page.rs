@@ -10,7 +10,7 @@ use crate::error::{ImportError, Result};
 use crate::stamp::Stamp;
 use brickyard_volume::{VoxelBox, VoxelType};
 use std::fs::File;
-use std::io::{Read, Seek, SeekFrom};
+use std::io::{ErrorKind, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 use tiff::decoder::{ChunkType, Decoder, DecodingSampleType, Limits};
 use tiff::tags::{ByteOrder, Tag};
@@ -649,6 +649,11 @@ fn element_of(sample: DecodingSampleType) -> Option<Element> {
 pub(super) fn said<T>(path: &Path, read: Result<Option<T>, TiffError>) -> Result<Option<T>> {
     match read {
         Err(TiffError::IoError(error)) if !is_damage(&error) => Err(ImportError::io(path)(error)),
+        // Without its scale or description, a cut file would have other values.
+        Err(TiffError::IoError(error)) if error.kind() == ErrorKind::UnexpectedEof => {
+            let problem = "cut short: the value of a tag lies past the file's end; fetch the file again";
+            Err(ImportError::invalid(path, problem))
+        }
         read => Ok(read.ok().flatten()),
     }
 }

@@ -858,6 +858,23 @@ fn cut_files_are_refused_at_opening() {
     assert!(message.contains("data of page 3") && message.contains("missing"), "{message}");
 }
 
+/// The pixels are all there, but neither their values nor their sizes could be known.
+#[test]
+fn tags_whose_values_are_cut_off_are_damage() {
+    let field = Field { sizes: [7, 5, 1, 1, 1], voxel_type: VoxelType::U16 };
+    let description = "ImageJ=1.53t\ncf=0\nc0=-100.0\nc1=2.0\n".into();
+    let layout = Layout { description, resolution: Some(3), ..Layout::default() };
+    let bytes = written(field, "", &layout);
+    assert!(opened(&temp_file("a.tif", &bytes).1).is_ok());
+    for entry in [[0x0e, 1, 2, 0], [0x1a, 1, 5, 0]] {
+        let mut cut = bytes.clone();
+        let at = cut.windows(4).position(|field| field == entry).unwrap() + 8;
+        cut[at..at + 4].copy_from_slice(&(bytes.len() as u32 - 7).to_le_bytes());
+        let message = refusal(&cut, &options());
+        assert!(message.contains("a.tif: cut short: the value of a tag lies past"), "{message}");
+    }
+}
+
 /// A strip is decoded at once, even if it is a whole plane.
 #[cfg(target_os = "linux")]
 #[test]

@@ -107,7 +107,8 @@ impl OpenTiff {
         let Some(length) = entry.filter(|entry| is_text(entry.field_type())).map(|entry| entry.count()) else {
             return Ok(None);
         };
-        let length = length.min(self.stamp.bytes);
+        let (mut image, mut last) = (self.decoder.image_ifd(), [0]);
+        said(&self.path, image.find_tag_bytes(Tag::ImageDescription, &mut last, length.saturating_sub(1)))?;
         let start = self.text(START_BYTES.min(length))?;
         let start = start.trim_start_matches('\u{feff}').trim_start();
         if start.starts_with('<') {
@@ -268,7 +269,6 @@ impl Read for TagText<'_> {
                 self.at += count as u64;
                 Ok(count)
             }
-            // A description that ends past the file's end.
             Ok(None) => Ok(0),
             Err(TiffError::IoError(error)) if !is_damage(&error) => Err(error),
             Err(_) => Ok(0),
