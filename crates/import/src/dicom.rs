@@ -42,6 +42,7 @@ mod volumes_tests;
 mod wanted;
 
 use crate::axes::Sizes;
+use crate::batches::{self, MOST_THREADS};
 use crate::dicom_files::files_in;
 use crate::element::smallest_type;
 use crate::error::{ImportError, Result};
@@ -65,7 +66,7 @@ use std::path::{Path, PathBuf};
 use unit::value_unit;
 use volumes::{Stacked, Volumes, tell_apart};
 
-/// Largest frame decoded in search of the smallest voxel type: there is no memory budget yet.
+/// Most memory for frames decoded in search of the smallest voxel type: there is no memory budget yet.
 const MOST_LOOKED_AT_BYTES: u64 = 256 << 20;
 
 /// Most stacks listed in a message.
@@ -96,17 +97,25 @@ pub(crate) fn open_file(path: &Path, options: &OpenOptions) -> Result<Box<dyn So
     }
     let mut series = Vec::new();
     let mut unread = Vec::new();
-    for other in files_in(folder)?.iter().filter(|other| other.file_name() != path.file_name()) {
-        match Header::read(other) {
-            Ok(mut other) if is_image(&other) && other.series() == header.series() => {
-                other.share_values(&header);
-                series.push(other);
+    let mut others = files_in(folder)?;
+    others.retain(|other| other.file_name() != path.file_name());
+    batches::each(
+        &others,
+        MOST_THREADS,
+        |path| Header::read(path),
+        |path, other| {
+            match other {
+                Ok(mut other) if is_image(&other) && other.series() == header.series() => {
+                    other.share_values(&header);
+                    series.push(other);
+                }
+                Ok(_) => {}
+                Err(error) if is_of_the_file(&error) && !may_be_of(path, &header)? => unread.push(error),
+                Err(error) => return Err(error),
             }
-            Ok(_) => {}
-            Err(error) if is_of_the_file(&error) && !may_be_of(other, &header)? => unread.push(error),
-            Err(error) => return Err(error),
-        }
-    }
+            Ok(())
+        },
+    )?;
     series.push(header);
     let mut notes = vec![Note::new(format!("{} files of the series are read from its folder.", series.len()))];
     if let Some(first) = unread.first() {
@@ -204,18 +213,24 @@ fn stands_alone(header: &Header) -> bool {
 
 /// Opens DICOM files of one series. Files without an image are skipped in a folder (`is_folder`), and an error in a list.
 pub(crate) fn open_series(paths: &[PathBuf], is_folder: bool, options: &OpenOptions) -> Result<Box<dyn Source>> {
-    let mut headers = Vec::new();
+    let mut headers: Vec<Header> = Vec::new();
     let mut others = Vec::new();
-    for path in paths {
-        let mut header = Header::read(path)?;
-        if is_folder && !is_image(&header) {
-            others.push(path);
-            continue;
-        }
-        check_is_image(&header)?;
-        headers.last().into_iter().for_each(|last| header.share_values(last));
-        headers.push(header);
-    }
+    batches::each(
+        paths,
+        MOST_THREADS,
+        |path| Header::read(path),
+        |path, header| {
+            let mut header = header?;
+            if is_folder && !is_image(&header) {
+                others.push(path.clone());
+                return Ok(());
+            }
+            check_is_image(&header)?;
+            headers.last().into_iter().for_each(|last| header.share_values(last));
+            headers.push(header);
+            Ok(())
+        },
+    )?;
     let (count, such_as) = (others.len(), others.first().map(|first| first.display()));
     let left_out = such_as.map(|first| {
         let files = counted(count as u64, "DICOM file");
@@ -596,16 +611,19 @@ fn voxels_of(
         let voxel_type = theirs.filter(holds).unwrap_or_else(|| smallest_type(least, greatest));
         if voxel_type.is_float() { Voxels { voxel_type, ..floats } } else { Voxels { voxel_type, blank } }
     };
-    let possible = voxels(range_of(slices, |slice| Ok(files[slice.file].1.format.limits()))?);
+    let possible = voxels(range_of(slices, 1, |slice| Ok(files[slice.file].1.format.limits()))?);
     let is_short = files.iter().all(|(_, frames)| frames.format.width <= 2);
-    let is_small = files.iter().all(|(_, frames)| frames.reader_bytes() <= MOST_LOOKED_AT_BYTES);
-    if possible.voxel_type.bytes() < 4 || !is_short || !is_small {
+    let frame_bytes = files.iter().map(|(_, frames)| frames.reader_bytes()).max().unwrap_or(0).max(1);
+    if possible.voxel_type.bytes() < 4 || !is_short || frame_bytes > MOST_LOOKED_AT_BYTES {
         return Ok(possible);
     }
     // Scanners that shift 16 stored bits seldom use them all: decode to avoid doubling the memory.
-    range_of(slices, |slice| {
+    let most_threads = (MOST_LOOKED_AT_BYTES / frame_bytes).min(MOST_THREADS as u64) as usize;
+    range_of(slices, most_threads, |slice| {
         let (header, frames) = &files[slice.file];
-        Ok(frames.read(header, slice.frame)?.range(&frames.format, slice.meaning.padding))
+        let samples = frames.read(header, slice.frame)?;
+        let range = samples.range(&frames.format, slice.meaning.padding);
+        samples.confirm().map(|()| range)
     })
     .map(voxels)
 }
@@ -635,14 +653,19 @@ fn check_exact(
 }
 
 /// Least and greatest of the rescaled ends of each slice's stored range.
-fn range_of(slices: &[Slice], stored: impl Fn(&Slice) -> Result<[i64; 2]>) -> Result<[f64; 2]> {
+fn range_of(
+    slices: &[Slice],
+    most_threads: usize,
+    stored: impl Fn(&Slice) -> Result<[i64; 2]> + Sync,
+) -> Result<[f64; 2]> {
     let (mut least, mut greatest) = (f64::INFINITY, f64::NEG_INFINITY);
-    for slice in slices {
-        for value in stored(slice)?.map(|n| slice.meaning.value(n)) {
+    batches::each(slices, most_threads, stored, |slice, range| {
+        for value in range?.map(|n| slice.meaning.value(n)) {
             least = least.min(value);
             greatest = greatest.max(value);
         }
-    }
+        Ok::<_, ImportError>(())
+    })?;
     Ok([least, greatest])
 }
 
@@ -753,6 +776,7 @@ impl Source for DicomSeries {
             let samples = frames.read(header, slice.frame)?;
             let region = frames.in_picture(slice.frame, region);
             samples.deliver(&frames.format, &slice.meaning, voxel_type, region, plane);
+            samples.confirm()?;
         }
         Ok(())
     }

@@ -1,6 +1,7 @@
 //! DICOM file detection by first bytes, since names are unreliable. Old files, and those sent over networks, have no preamble, and often no
 //! first group.
 
+use crate::batches::{self, MOST_THREADS};
 use crate::error::{ImportError, Result};
 use crate::files::{first_bytes, is_file, listed};
 use std::path::{Path, PathBuf};
@@ -57,15 +58,18 @@ fn is_named_so(path: &Path) -> bool {
 /// If the folder cannot be read, or files that are DICOM's only in name lie beside real ones.
 pub(crate) fn files_in(folder: &Path) -> Result<Vec<PathBuf>> {
     let (mut paths, mut unknown) = (Vec::new(), None);
-    for path in listed(folder)? {
-        if !is_file(&path)? {
-            continue;
+    let look = |path: &PathBuf| match is_file(path)? {
+        true => first_bytes(path, MAGIC_BYTES).map(|start| Some(is_dicom(&start))),
+        false => Ok(None),
+    };
+    batches::each(&listed(folder)?, MOST_THREADS, look, |path, found| {
+        match found? {
+            Some(true) => paths.push(path.clone()),
+            Some(false) if unknown.is_none() && is_named_so(path) => unknown = Some(path.clone()),
+            _ => {}
         }
-        match is_dicom(&first_bytes(&path, MAGIC_BYTES)?) {
-            true => paths.push(path),
-            false => unknown = unknown.or(is_named_so(&path).then_some(path)),
-        }
-    }
+        Ok::<_, ImportError>(())
+    })?;
     // It may be a slice of their series.
     if let Some(path) = unknown.filter(|_| !paths.is_empty()) {
         let problem =

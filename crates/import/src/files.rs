@@ -6,7 +6,8 @@ use std::path::{Path, PathBuf};
 
 /// Reads the first `count` bytes of a file, or all of a shorter one.
 pub(crate) fn first_bytes(path: &Path, count: usize) -> Result<Vec<u8>> {
-    let mut start = Vec::new();
+    // Room for all of a header's first bytes makes one call of it.
+    let mut start = Vec::with_capacity(count.min(1 << 12));
     let file = std::fs::File::open(path).map_err(ImportError::io(path))?;
     file.take(count as u64).read_to_end(&mut start).map_err(ImportError::io(path))?;
     Ok(start)

@@ -33,6 +33,7 @@ mod absent;
 mod adapter_tests;
 mod array_choice;
 mod axes;
+mod batches;
 pub mod blosc;
 mod body;
 mod bov;

@@ -24,7 +24,7 @@ pub(super) fn rle(bytes: &[u8], format: &PixelFormat) -> Result<Samples, String>
             return Err(format!("expected {pixels} pixels, found {found}"));
         }
     }
-    Ok(Samples { bytes: decoded, width: format.width, endian: Endian::Big })
+    Ok(Samples::decoded(decoded, format.width, Endian::Big))
 }
 
 /// Unpacks runs (PackBits) until either side ends; returns the number of unpacked bytes.
@@ -73,7 +73,7 @@ pub(super) fn jpeg(bytes: &[u8], format: &PixelFormat) -> Result<Samples, String
     if info.coding_process != CodingProcess::Lossless && width == 1 {
         bytes.iter_mut().for_each(|b| *b = format.clamped((*b).into(), false) as u8);
     }
-    Ok(Samples { bytes, width, endian: Endian::native() })
+    Ok(Samples::decoded(bytes, width, Endian::native()))
 }
 
 /// Decodes a JPEG 2000 frame, lossless or lossy. A truncated stream is an error, because the decoder would invent the
@@ -103,7 +103,7 @@ pub(super) fn jpeg_2000(bytes: &[u8], format: &PixelFormat) -> Result<Samples, S
         let number = (sample.round() as i64).clamp(0, (1 << bits) - 1) - moved;
         out.extend_from_slice(&format.clamped(number, signed).to_le_bytes()[..format.width]);
     }
-    Ok(Samples { bytes: out, width: format.width, endian: Endian::Little })
+    Ok(Samples::decoded(out, format.width, Endian::Little))
 }
 
 /// Whether the first component is signed: the highest bit of `Ssiz`, 42 bytes after the start of the codestream.

@@ -6,9 +6,10 @@ use super::decode;
 use super::fragments::{Ranges, fragment_places, read_ranges};
 use super::header::{EXPLICIT_BIG_ENDIAN, Header};
 use super::mosaic::Mosaic;
-use super::pixels::{PixelFormat, Samples};
+use super::pixels::{Bytes, PixelFormat, Samples};
 use crate::element::Endian;
 use crate::error::{ImportError, Result};
+use crate::mapped::MappedFile;
 use brickyard_volume::{VoxelBox, counted};
 use dicom_core::VR;
 use dicom_dictionary_std::{tags, uids};
@@ -133,8 +134,11 @@ impl Frames {
         self.mosaic.map_or(region, |mosaic| mosaic.in_picture(frame as u32, region))
     }
 
-    /// Most memory for reading one frame, in bytes: the packed frame and its decoder.
+    /// Most memory for reading one frame, in bytes: the packed frame and its decoder. Native frames are mapped.
     pub(super) fn reader_bytes(&self) -> u64 {
+        if matches!(self.packing, Packing::Native(_)) {
+            return 0;
+        }
         let packed = |ranges: &Ranges| ranges.iter().map(|range| range.1).sum();
         let packed: u64 = self.places.iter().map(packed).max().unwrap_or(0);
         let per_pixel = match self.packing {
@@ -151,10 +155,13 @@ impl Frames {
         size_of_val(&self.places[..]) + ranges
     }
 
-    /// Reads and decodes one frame, or the picture containing it.
+    /// Reads and decodes one frame, or the picture containing it. [`Samples::confirm`] tells afterwards whether they were the file's.
     pub(super) fn read(&self, header: &Header, frame: usize) -> Result<Samples> {
         let path = header.path.as_path();
         let frame = if self.mosaic.is_some() { 0 } else { frame };
+        if let (Packing::Native(endian), &[(first, length), ..]) = (self.packing, &self.places[frame][..]) {
+            return Ok(Samples { bytes: mapped(header, first, length)?, width: self.format.width, endian });
+        }
         let bytes = match (self.packing, &self.places[frame][..]) {
             (Packing::Deflated, &[(first, length), ..]) => header.read_inflated(first, length),
             (_, ranges) => read_ranges(path, ranges),
@@ -171,8 +178,8 @@ impl Frames {
             return Err(refuse(format!("{} bytes cannot hold {expected}", bytes.len())));
         }
         match self.packing {
-            Packing::Native(endian) => Ok(Samples { bytes, width: self.format.width, endian }),
-            Packing::Deflated => Ok(Samples { bytes, width: self.format.width, endian: Endian::Little }),
+            Packing::Native(endian) => Ok(Samples::decoded(bytes, self.format.width, endian)),
+            Packing::Deflated => Ok(Samples::decoded(bytes, self.format.width, Endian::Little)),
             Packing::Encapsulated(codec) => {
                 let decode = match codec {
                     Codec::Rle => decode::rle,
@@ -183,6 +190,19 @@ impl Frames {
             }
         }
     }
+}
+
+/// Maps a native frame of `length` bytes, which copies nothing.
+fn mapped(header: &Header, first: u64, length: u64) -> Result<Bytes> {
+    let file = MappedFile::open(&header.path);
+    // The file is reopened for each frame: its bytes, or an error, count only if it is unchanged since its header was read.
+    header.confirm()?;
+    let file = file?;
+    let range = first as usize..(first + length) as usize;
+    if range.end > file.len() {
+        return Err(ImportError::io(&header.path)(std::io::ErrorKind::UnexpectedEof.into()));
+    }
+    Ok(Bytes::Mapped { file, range })
 }
 
 /// Number of frames by the header, 1 by default.

@@ -123,7 +123,7 @@ impl<'a> Stream<'a> {
         if out.len() != expected {
             return Err(format!("expected {expected} bytes of pixels, found {}", out.len()));
         }
-        Ok(Samples { bytes: out, width, endian: Endian::Little })
+        Ok(Samples::decoded(out, width, Endian::Little))
     }
 }
 

@@ -216,6 +216,7 @@ impl Segmentation {
                 let samples = frames.read(&self.header, layer.frame)?;
                 let meaning = Meaning { slope, ..Meaning::PLAIN };
                 samples.deliver(&frames.format, &meaning, voxel_type, region, plane);
+                samples.confirm()?;
             }
         }
         Ok(())
