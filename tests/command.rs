@@ -121,6 +121,11 @@ fn a_pack_is_planned_and_compared() {
     assert!(!sandbox.path("a.zarr").exists());
     let verified = sandbox.run_ok(&format!("{line} --verify"));
     assert!(verified.contains("sound") && verified.ends_with("equal to the input, voxel by voxel\n"), "{verified}");
+    // A clamped input is equal to its conversion, not to itself.
+    let clamped = (0..8 * 6 * 4 * 3).filter(|i| 1 + i % 250 > 127).count();
+    let verified = sandbox.run_ok(&raw.replace("a.zarr", "c.zarr --to-dtype i8 --allow-lossy --verify"));
+    let words = format!("equal to the converted input ({clamped} values rounded or clamped), voxel by voxel\n");
+    assert!(verified.ends_with(&words), "{verified}");
     assert!(sandbox.run_ok("info a.zarr").starts_with("a.zarr: u16 volume 'wing', axes tzyx"));
     sandbox.run_ok("export a.zarr b.raw --time 1 --progress none");
     let voxel = |x: usize, y: usize, z: usize| (1 + (x + 8 * (y + 6 * (z + 4 * 2))) % 250) as u8;

@@ -412,6 +412,8 @@ fn files_that_say_so_are_labels() {
         ("pack image.nii c.zarr", "c.zarr", (Kind::Image, Downsample::Mean), false),
         ("append d.zarr labels.nii --time-step 1", "d.zarr", (Kind::Labels, Downsample::Mode), true),
         ("append d.zarr image.nii", "d.zarr", (Kind::Labels, Downsample::Mode), false),
+        ("append h.zarr image.nii --time-step 1", "h.zarr", (Kind::Image, Downsample::Mean), false),
+        ("append e.zarr labels.nii image.nii --time-step 1", "e.zarr", (Kind::Labels, Downsample::Mode), true),
     ] {
         let (code, _, stderr) = sandbox.run(&format!("{line} --progress none"));
         assert_eq!(code, 0, "{line}: {stderr}");
@@ -422,10 +424,32 @@ fn files_that_say_so_are_labels() {
             "{line}: {stderr}"
         );
     }
-    let plan = sandbox.run_ok("pack labels.nii e.zarr --dry-run --json");
+    let plan = sandbox.run_ok("pack labels.nii f.zarr --dry-run --json");
     assert!(plan.contains("NIFTI_INTENT_LABEL"), "{plan}");
-    let (code, _, stderr) = sandbox.run("pack labels.nii e.zarr --downsample mean");
+    let (code, _, stderr) = sandbox.run("pack labels.nii f.zarr --downsample mean");
     assert!(code == 2 && stderr.contains("--kind image"), "{code}: {stderr}");
+    // A step of the other kind is told, unless a flag repeats the store's.
+    for (line, words) in [
+        ("append h.zarr labels.nii", "warning: voxels are labels, by the header's intent"),
+        ("append h.zarr labels.nii --kind image", ""),
+        ("append d.zarr image.nii", "note: the file does not say that its voxels are labels"),
+        ("append d.zarr image.nii --kind labels", ""),
+        ("append d.zarr labels.nii", ""),
+    ] {
+        let (code, _, stderr) = sandbox.run(&format!("{line} --progress none"));
+        assert_eq!(code, 0, "{line}: {stderr}");
+        assert!(stderr.contains(words), "{line}: {stderr}");
+        assert_eq!(stderr.contains("voxels are labels"), !words.is_empty(), "{line}: {stderr}");
+    }
+    // In one store there is one kind.
+    for line in ["pack labels.nii image.nii g.zarr", "pack --variable a=image.nii --variable b=labels.nii g.zarr"] {
+        let (code, _, stderr) = sandbox.run(line);
+        assert!(code == 2 && stderr.contains("labels.nii: says that its voxels are labels"), "{code}: {stderr}");
+        assert!(stderr.contains("--kind labels or image"), "{stderr}");
+    }
+    sandbox.run_ok("pack --variable a=image.nii --variable b=labels.nii g.zarr --kind labels --progress none");
+    let info = sandbox.run_ok("info g.zarr");
+    assert!(info.contains("channel 1 'b': labels from 0 to 15"), "{info}");
 }
 
 /// Labels beyond 32 bits are refused, even with flags that permit losses in images, and never with advice to merge them.

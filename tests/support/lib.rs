@@ -8,7 +8,7 @@ pub mod faults;
 pub mod power_loss;
 
 use brickyard::backend::{BackendChoice, CompositorChoice};
-use brickyard::import::{ImportError, Source, SourceInfo};
+use brickyard::import::{ImportError, SaidKind, Source, SourceInfo};
 use brickyard::offline::render_settled;
 use brickyard::oracle::render_reference;
 use brickyard::render::adapters;
@@ -65,6 +65,7 @@ impl<T: Voxel, F: Fn(u32, u32, [u32; 3]) -> T + Send + Sync> FunctionSource<T, F
             time: None,
             nodata: None,
             knows_nodata: false,
+            kind: SaidKind::Unsaid,
             identity: "a function".into(),
             notes: Vec::new(),
         };

@@ -7,11 +7,11 @@ use super::interrupt::Interrupt;
 use super::pack_settings::{PackingLimits, StoreSettings, Watcher, note_non_finite, note_uncalibrated};
 use super::say::say;
 use super::{heading, store_errors};
-use brickyard::import::{self, HeldAs, NoData, OpenOptions, Source};
+use brickyard::import::{self, Described, HeldAs, NoData, OpenOptions, SaidKind, Source};
 use brickyard::store::{AppendError, Appender, Kind, OpenError, PackError, Store};
 use brickyard::volume::counted;
 use clap::Args;
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -49,12 +49,8 @@ struct Settings {
 /// # Errors
 /// With the message and exit code for the user.
 pub(crate) fn run(arguments: AppendArguments) -> Result<(), Failure> {
-    let AppendArguments { store, mut files, time, input, mut settings, limits } = arguments;
+    let AppendArguments { store, mut files, time, input, settings, limits } = arguments;
     let options = input.options(&mut files)?;
-    // A store's kind holds for all its steps.
-    if let Some(note) = Store::open(&store).err().and_then(|_| settings.heed(&files, &options)) {
-        say!("note: {}", with_flags(&note));
-    }
     if !time.is_empty() && time.len() != files.len() {
         let (given, files) = (counted(time.len() as u64, "time"), counted(files.len() as u64, "file"));
         return Err(Failure::usage(format!("--time: expected one time per file, found {given} for {files}")));
@@ -77,15 +73,23 @@ pub(crate) fn run(arguments: AppendArguments) -> Result<(), Failure> {
         1 => (files, time),
         _ => in_order(&files, &time, &input)?,
     };
-    let (mut input, mut appender) = (input, None);
+    let (mut input, mut appender, mut said) = (input, None, HashSet::new());
     for (i, file) in files.iter().enumerate() {
         if i > 0 && input.held_as.is_none() {
-            // The first file has created the store.
-            input.held_as = held_as(Store::open(&settings.store).ok().as_ref());
+            // The first file has created the store, whose kind is this file's.
+            let created = Store::open(&settings.store).ok();
+            input.held_as = held_as(created.as_ref());
+            input.are_labels = are_labels(created.as_ref(), &settings.settings);
         }
         let source = import::open(std::slice::from_ref(file), &input);
         let source = source.map_err(|error| store_errors::import_failure(&error));
-        let appended = source.and_then(|source| settings.append(appender, &*source, file, time.get(i).copied()));
+        let appended = source.and_then(|source| {
+            let unlike = input.are_labels.and_then(|are_labels| settings.unlike(source.info().kind, are_labels));
+            if let Some(words) = unlike.filter(|words| said.insert(words.clone())) {
+                say!("{words} (first of {})", file.display());
+            }
+            settings.append(appender, &once(source, &mut said), file, time.get(i).copied())
+        });
         appender = Some(appended.inspect_err(|_| {
             if i > 0 {
                 say!("note: {i} of {} files were appended; go on with {}", files.len(), file.display());
@@ -95,17 +99,27 @@ pub(crate) fn run(arguments: AppendArguments) -> Result<(), Failure> {
     Ok(())
 }
 
+/// A source without the notes said of files before.
+fn once(source: Box<dyn Source>, said: &mut HashSet<String>) -> Described<Box<dyn Source>> {
+    let mut info = source.info().clone();
+    info.notes.retain(|note| note.changed() > 0 || said.insert(note.to_string()));
+    Described { info, source, first: 0 }
+}
+
 /// Returns the options for opening a store's steps. A missing or unreadable store is reported by its own opening.
 fn step_options(store: &Path, settings: &StoreSettings, options: OpenOptions) -> Result<OpenOptions, Failure> {
     let opened = Store::open(store).ok();
-    let known = opened.as_ref().map(Store::info);
     if let Some(value) = opened.as_ref().and_then(nodata_of).filter(|_| options.nodata == NoData::None) {
         let path = store.display();
         let problem = format!("--nodata none: in {path}, voxels of {value} hold no data in every step: leave it out");
         return Err(Failure::usage(problem));
     }
-    let are_labels = settings.are_labels() || known.is_some_and(|info| info.kind == Kind::Labels);
-    Ok(OpenOptions { are_labels, held_as: held_as(opened.as_ref()), ..options })
+    Ok(OpenOptions { are_labels: are_labels(opened.as_ref(), settings), held_as: held_as(opened.as_ref()), ..options })
+}
+
+/// Whether voxels are labels: a store's kind holds for all its steps.
+fn are_labels(store: Option<&Store>, settings: &StoreSettings) -> Option<bool> {
+    store.map(|store| store.info().kind == Kind::Labels).or(settings.are_labels())
 }
 
 fn held_as(store: Option<&Store>) -> Option<HeldAs> {
@@ -176,7 +190,7 @@ impl Settings {
             Some(mut appender) => appender.append(source, stamp, &watcher).map(|report| (appender, Some(report))),
             None => {
                 note_uncalibrated(info);
-                let options = self.limits.limit(self.settings.options(info.voxel_type)?);
+                let options = self.limits.limit(self.settings.options(info.voxel_type, Kind::said_by(info))?);
                 Appender::create(&self.store, source, stamp, &options, &watcher).map(|appender| (appender, None))
             }
         };
@@ -187,6 +201,26 @@ impl Settings {
         say!("{}: step {step} of {store} in {seconds:.1} s", file.display());
         note_non_finite(report.map_or(0, |report| report.non_finite));
         Ok(appender)
+    }
+
+    /// A warning or note on a file whose own word is not the store's kind; none if a flag repeats that.
+    fn unlike(&self, said: SaidKind, are_labels: bool) -> Option<String> {
+        let store = self.store.display();
+        match (are_labels, said) {
+            _ if self.settings.are_labels().is_some() => None,
+            (false, SaidKind::Labels(word)) => Some(format!(
+                "warning: voxels are labels, by {word}, but {store} is an image: they are averaged like its values; append \
+                 them to a store of labels, or pass --kind image"
+            )),
+            (true, SaidKind::Image(word)) => Some(format!(
+                "warning: voxels are no labels, by {word}, but {store} is of labels: they are taken as such; append them to \
+                 an image, or pass --kind labels"
+            )),
+            (true, SaidKind::Unsaid) => Some(format!(
+                "note: the file does not say that its voxels are labels: they are, as in {store}; --kind labels says so, too"
+            )),
+            _ => None,
+        }
     }
 
     /// Opens the store; `None` if it is missing, or its first step is not packed to the end.

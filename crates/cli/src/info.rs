@@ -109,9 +109,9 @@ fn text(info: &Info<'_>, store: &Store) -> String {
         (false, _) => "uncalibrated",
     };
     let unit = unit.unwrap_or_else(|| without.into());
-    let named = info.store.name.as_ref().map_or(String::new(), |name| format!(" '{name}'"));
+    let name = named(info.store.name.as_deref());
     let mut lines = vec![
-        format!("{}: {} volume{named}, axes {}", info.path.display(), info.voxel_type, info.axes),
+        format!("{}: {} volume{name}, axes {}", info.path.display(), info.voxel_type, info.axes),
         format!("  {}, {}", time_steps(store), counted(info.channels.into(), "channel")),
         format!("  spacing {} ({unit}), first voxel centre at {}", triple(info.spacing), triple(info.origin)),
         orientation(store),
@@ -123,7 +123,8 @@ fn text(info: &Info<'_>, store: &Store) -> String {
     }
     for (c, channel) in info.store.channels.iter().enumerate() {
         if is_labels {
-            lines.push(format!("  channel {c}: labels from {} to {}", channel.range[0], channel.range[1]));
+            let name = named(store.channel_displays()[c].name.as_deref());
+            lines.push(format!("  channel {c}{name}: labels from {} to {}", channel.range[0], channel.range[1]));
             continue;
         }
         let (look, window) = (look(&store.channel_displays()[c]), store.default_window(c as u32));
@@ -175,8 +176,12 @@ fn no_data(store: &Store) -> Option<String> {
     Some(format!("  no data: {value}, {} ({:.1} %)", counted(count, "voxel"), 100.0 * count as f64 / voxels))
 }
 
+fn named(name: Option<&str>) -> String {
+    name.map_or_else(String::new, |name| format!(" '{name}'"))
+}
+
 fn look(display: &ChannelDisplay) -> String {
-    let name = display.name.as_ref().map_or_else(String::new, |name| format!(" '{name}'"));
+    let name = named(display.name.as_deref());
     let color = if display.color == [255; 3] { String::new() } else { format!(" {}", hex(display.color)) };
     let hidden = if display.is_visible { "" } else { " hidden" };
     [name, color, hidden.into()].concat()

@@ -3,7 +3,7 @@
 use super::input_args::InputArguments;
 use super::pack_settings::PackSettings;
 use super::{Failure, heading, store_errors};
-use brickyard::import::{self, Described, OpenOptions};
+use brickyard::import::{self, OpenOptions};
 use clap::Args;
 use std::path::PathBuf;
 
@@ -49,18 +49,14 @@ pub(crate) fn run(mut arguments: PackArguments) -> Result<(), Failure> {
         return Err(Failure::usage(format!("{}: {problem}", stream.display())));
     }
     arguments.settings.is_of_stream = stream.is_some();
-    let said = arguments.settings.store.heed(&arguments.paths, &options);
     let options = OpenOptions { are_labels: arguments.settings.store.are_labels(), ..options };
     let source = import::open(&arguments.paths, &options).map_err(|error| store_errors::import_failure(&error))?;
-    let mut info = source.info().clone();
-    info.notes.extend(said);
-    let source = Described { info, source, first: 0 };
     if arguments.dry_run {
-        return arguments.settings.rehearse(&source, &store, arguments.json);
+        return arguments.settings.rehearse(&*source, &store, arguments.json);
     }
-    arguments.settings.pack(&source, &store)?;
+    arguments.settings.pack(&*source, &store)?;
     if arguments.verify {
-        arguments.settings.limits.verify(&source, &store)?;
+        arguments.settings.limits.verify(&*source, &store)?;
     }
     Ok(())
 }

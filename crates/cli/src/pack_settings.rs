@@ -8,7 +8,7 @@ use super::plan_text::PlanText;
 use super::progress::{Progress, ProgressStyleArgument};
 use super::say::{self, say};
 use super::{heading, print_json, print_line, store_errors, values, verify};
-use brickyard::import::{self, Note, OpenOptions, Source, SourceInfo};
+use brickyard::import::{Note, Source, SourceInfo};
 use brickyard::store::{
     self, AppendOptions, Codec, Downsample, Exists, Kind, PackError, PackOptions, PackPlan, Reductions, Store,
 };
@@ -16,7 +16,7 @@ use brickyard::volume::numbers::exact;
 use brickyard::volume::{MAX_APRON, VoxelType, counted};
 use clap::Args;
 use std::num::NonZeroUsize;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::OnceLock;
 use std::time::Instant;
 
@@ -83,7 +83,12 @@ impl PackingLimits {
         let mut report = verify::report(path, self.memory, self.progress)?;
         report.problems.splice(0..0, difference);
         verify::tell(&report, path, false)?;
-        print_line(&format!("{}: equal to the input, voxel by voxel", path.display()))
+        let changed = source.info().notes.iter().map(Note::changed).fold(0, u64::saturating_add);
+        let input = match changed {
+            0 => "input".into(),
+            _ => format!("converted input ({} rounded or clamped)", counted(changed, "value")),
+        };
+        print_line(&format!("{}: equal to the {input}, voxel by voxel", path.display()))
     }
 
     pub(crate) fn of_append(&self) -> AppendOptions {
@@ -117,24 +122,17 @@ pub(crate) struct PackSettings {
 pub(crate) const KINDS: Named<Kind> = Named(&[("image", Kind::Image, ""), ("labels", Kind::Labels, "")]);
 
 impl StoreSettings {
-    /// Takes the files' word that they hold labels, unless a flag tells the kind. Returns a note on it.
-    pub(crate) fn heed(&mut self, inputs: &[PathBuf], options: &OpenOptions) -> Option<Note> {
-        let said = import::labels_said(inputs, options).filter(|_| self.kind.is_none());
-        self.kind = self.kind.or(said.as_ref().map(|_| Kind::Labels));
-        said
+    /// Whether the voxels are declared as labels, if a flag tells the kind.
+    pub(crate) fn are_labels(&self) -> Option<bool> {
+        self.kind.map(|kind| kind == Kind::Labels)
     }
 
-    /// Whether the voxels are declared as labels.
-    pub(crate) fn are_labels(&self) -> bool {
-        self.kind == Some(Kind::Labels)
-    }
-
-    /// Returns the options of a new store of voxels of this type.
+    /// Returns the options of a new store of voxels of this type, which are of this kind unless a flag tells it.
     ///
     /// # Errors
     /// Exit code 2 if they contradict each other.
-    pub(crate) fn options(&self, voxel_type: VoxelType) -> Result<PackOptions, Failure> {
-        let kind = self.kind.unwrap_or(Kind::Image);
+    pub(crate) fn options(&self, voxel_type: VoxelType, said: Kind) -> Result<PackOptions, Failure> {
+        let kind = self.kind.unwrap_or(said);
         let downsample = self.downsample.unwrap_or(Reductions::default_for(kind));
         let averages = [Some(downsample.main()), downsample.second()].contains(&Some(Downsample::Mean));
         if kind == Kind::Labels && averages {
@@ -186,17 +184,17 @@ impl StoreSettings {
 }
 
 impl PackSettings {
-    /// Returns the options of a new store of voxels of this type.
+    /// Returns the options of a new store of voxels of this type, which are of this kind unless a flag tells it.
     ///
     /// # Errors
     /// Exit code 2 if they contradict each other.
-    pub(crate) fn options(&self, voxel_type: VoxelType) -> Result<PackOptions, Failure> {
+    pub(crate) fn options(&self, voxel_type: VoxelType, said: Kind) -> Result<PackOptions, Failure> {
         let exists = match (self.resume, self.overwrite) {
             (true, _) => Exists::Resume,
             (_, true) => Exists::Overwrite,
             _ => Exists::Refuse,
         };
-        let options = self.limits.limit(self.store.options(voxel_type)?);
+        let options = self.limits.limit(self.store.options(voxel_type, said)?);
         Ok(PackOptions { shard_times: self.shard_time, exists, ..options })
     }
 
@@ -206,7 +204,7 @@ impl PackSettings {
     /// With the exit code for the failure: 2 settings, 3 the input, 4 resumable.
     pub(crate) fn pack(&self, source: &dyn Source, path: &Path) -> Result<(), Failure> {
         let info = source.info();
-        let options = self.options(info.voxel_type)?;
+        let options = self.options(info.voxel_type, Kind::said_by(info))?;
         note_uncalibrated(info);
         let planned = Planned { source, options: &options, shown: PlanShown::Line };
         let watcher = Watcher::new(info, "pack", self.limits.progress, Some(planned), Interrupt::watch()?);
@@ -240,7 +238,7 @@ impl PackSettings {
     /// As for a pack, before its first voxel.
     pub(crate) fn rehearse(&self, source: &dyn Source, path: &Path, json: bool) -> Result<(), Failure> {
         let info = source.info();
-        let options = self.options(info.voxel_type)?;
+        let options = self.options(info.voxel_type, Kind::said_by(info))?;
         note_uncalibrated(info);
         let planned = Planned { source, options: &options, shown: PlanShown::Not };
         let watcher = Watcher::new(info, "pack", ProgressStyleArgument::None, Some(planned), Interrupt::watch()?);

@@ -8,7 +8,7 @@ use super::reaction::Reaction;
 use super::values::human_bytes;
 use super::{Failure, heading, store_errors, values};
 use brickyard::import::{Source, SynthKind, SynthSource, write_raw};
-use brickyard::store::Appender;
+use brickyard::store::{Appender, Kind};
 use brickyard::volume::{Extent, VoxelType};
 use clap::Args;
 use std::num::NonZeroUsize;
@@ -91,7 +91,7 @@ fn simulate(arguments: &SynthArguments) -> Result<(), Failure> {
     if output.exists() {
         return Err(named("exists already; choose another name: a simulation makes a new store"));
     }
-    let options = settings.options(voxel_type)?;
+    let options = settings.options(voxel_type, Kind::Image)?;
     if options.shard_times > 1 {
         return Err(named("--shard-time: a simulation appends its steps, each to shards of its own; leave it out"));
     }

@@ -21,10 +21,6 @@ pub(crate) mod dicom {
         Err(refuse(path))
     }
 
-    pub(crate) fn are_labels(_: &Path) -> Result<bool> {
-        Ok(false)
-    }
-
     pub(crate) fn series_of(_: &Path) -> Result<Option<String>> {
         Ok(None)
     }

@@ -339,7 +339,7 @@ fn losses_are_refused_with_their_place_or_counted() {
     for words in [
         "in.npy",
         "f32",
-        "of which 300 (voxel 3",
+        "the value 300 (voxel 3",
         "voxel 3,2,1, channel 1, time step 2",
         "in u8",
         "`allow_lossy`",
@@ -360,7 +360,7 @@ fn losses_are_refused_with_their_place_or_counted() {
     let elsewhere = OpenOptions { take_channel: vec![ChannelChoice::number(0)], ..to(VoxelType::U8) };
     assert!(Formula::of(value).take(&elsewhere).is_ok());
     // Labels are never rounded.
-    let labels = OpenOptions { are_labels: true, ..lossy(VoxelType::U8) };
+    let labels = OpenOptions { are_labels: Some(true), ..lossy(VoxelType::U8) };
     assert!(Formula::of(value).take(&labels).err().unwrap().contains("labels become others"));
     // Beyond f32's whole numbers.
     let value: Value = |x, _, _, _, _| 16777216.0 + f64::from(x);

@@ -6,9 +6,11 @@ mod one_type;
 mod tests;
 
 use crate::error::{ImportError, Result};
+use crate::labels::SaidKind;
 use crate::mirrored::Mirrored;
 use crate::note::Note;
 use crate::options::OpenOptions;
+use crate::series::Remarks;
 use crate::source::{Access, Source, SourceInfo, Take};
 use brickyard_volume::{ChannelLook, Extent, Geometry, VoxelBox, counted};
 use std::collections::HashSet;
@@ -46,12 +48,15 @@ impl Channels {
     /// # Errors
     /// If there are none, two have one name, they differ in extent, times, place or value for no data, or no voxel type holds the values of all.
     pub(crate) fn new(parts: Vec<NamedArray>, options: &OpenOptions) -> Result<Self> {
+        let kinds = parts.iter().map(|part| (part.path.as_path(), part.source.info().kind));
+        let kind = SaidKind::of_all(kinds, options.are_labels.is_some())?;
         let mut parts = turned_alike(parts, options)?;
         let mut info = described(&parts)?;
         if one_type::are_unlike(&parts) {
             parts = one_type::in_one_type(parts, &info, options)?;
             info = described(&parts)?;
         }
+        info.kind = kind;
         let mut first = 0;
         let placed = parts.into_iter().map(|NamedArray { source, .. }| {
             let channels = source.info().channels;
@@ -164,6 +169,7 @@ fn described(parts: &[NamedArray]) -> Result<SourceInfo> {
     }
     let mut info = first.source.info().clone();
     (info.channels, info.channel_looks, info.notes, info.identity) = (0, Vec::new(), Vec::new(), "channels".into());
+    let mut remarks = Remarks::default();
     let placed = parts.iter().find(|part| has_place(part.source.info()));
     let timed = parts.iter().find(|part| part.source.info().time.is_some());
     for part in parts {
@@ -193,9 +199,9 @@ fn described(parts: &[NamedArray]) -> Result<SourceInfo> {
         }
         info.channel_looks.extend(looks_of(part));
         info.identity += &format!("\n{:?} {}", part.name, own.identity);
-        let named = |note: Note| note.about(&format!("{}: ", part.name));
-        info.notes.extend(own.notes.iter().cloned().map(named));
+        remarks.add(&own.notes, &part.name);
     }
+    info.notes.extend(remarks.of_all(parts.len(), "channels"));
     if let Some(placed) = placed.map(|part| part.source.info()) {
         info.geometry = placed.geometry.clone();
         (info.calibrated, info.says_origin, info.orientation) =

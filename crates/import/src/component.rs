@@ -5,6 +5,7 @@
 mod tests;
 
 use crate::error::{ImportError, Result};
+use crate::labels::SaidKind;
 use crate::note::Note;
 use crate::options::OpenOptions;
 use crate::source::{Access, Source, SourceInfo, Take};
@@ -59,8 +60,8 @@ impl Component {
                 known.channels
             ));
         }
-        if !matches!(of, Of::Channel(_)) && options.are_labels {
-            return refuse("labels are names of things, and no numbers; choose a channel".into());
+        if !matches!(of, Of::Channel(_)) && options.take_labels(known.kind) {
+            return refuse("labels are names of things, and no numbers; choose a channel, or `kind` image".into());
         }
         let mut info = known.clone();
         info.channels = 1;
@@ -140,7 +141,7 @@ impl Component {
 
 /// Describes a computed channel. Voxels without data have become NaN.
 fn computed(info: &mut SourceInfo, name: &str, note: &str) {
-    info.voxel_type = VoxelType::F32;
+    (info.voxel_type, info.kind) = (VoxelType::F32, SaidKind::Unsaid);
     (info.nodata, info.knows_nodata) = (None, info.nodata.is_some() || info.knows_nodata);
     info.channel_looks = vec![ChannelLook { name: Some(name.into()), ..ChannelLook::default() }];
     info.notes.push(Note::new(note));

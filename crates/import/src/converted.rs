@@ -83,8 +83,8 @@ impl Converted {
             let within = look.window.map(|window| window.map(|end| end.clamp(least, most)));
             look.window = within.filter(|[low, high]| low < high);
         }
-        let lossy = options.allow_lossy && !options.are_labels;
-        let (are_labels, path) = (options.are_labels, path.to_owned());
+        let are_labels = options.take_labels(whole.kind);
+        let (lossy, path) = (options.allow_lossy && !are_labels, path.to_owned());
         let mut converted = Self { source, info, conversion, lossy, are_labels, path };
         if from == to {
             // Only voxels without data change their mark.
@@ -140,8 +140,9 @@ impl Converted {
         let (from, to) = (self.conversion.from, self.conversion.to);
         let Place { time, channel, voxel: [x, y, z] } = place();
         let value = exact(value, from.is_float());
-        let of =
-            format!("voxels are {from}, of which {value} (voxel {x},{y},{z}, channel {channel}, time step {time})");
+        let of = format!(
+            "voxels are {from}, and the value {value} (voxel {x},{y},{z}, channel {channel}, time step {time})"
+        );
         let problem = match fate {
             Fate::Unmarked => {
                 format!("{of} is no data, for which {to} has no value; give one with `nodata`, or convert to f32")
@@ -192,10 +193,11 @@ impl Lost {
         let lost = lost.iter().filter(|(count, _)| *count > 0).map(|(count, what)| format!("{count} {what}"));
         let (lost, count) = (lost.collect::<Vec<_>>().join(", "), self.count);
         let value = exact(*value, from.is_float());
-        Note::warning(format!(
+        let text = format!(
             "Voxels are {from} and become {to}: of {count} values, {lost} (such as {value} of voxel {x},{y},{z}, \
              channel {channel}, time step {time})."
-        ))
+        );
+        Note::of_changed(self.clamped.saturating_add(self.rounded), text)
     }
 }
 

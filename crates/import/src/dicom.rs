@@ -47,7 +47,8 @@ use crate::dicom_files::files_in;
 use crate::element::smallest_type;
 use crate::error::{ImportError, Result};
 use crate::files::{first_bytes, folder_of, name_of};
-use crate::note::Note;
+use crate::labels::SaidKind;
+use crate::note::{Note, Setting};
 use crate::options::{HeldAs, NoData, OpenOptions};
 use crate::placement;
 use crate::raw::identity;
@@ -187,25 +188,6 @@ pub(crate) fn series_of(path: &Path) -> Result<Option<String>> {
     Ok((!stands_alone(&header)).then(|| header.series()))
 }
 
-/// Whether a file is a segmentation of labels: bits or a label map, not fractions.
-pub(crate) fn are_labels(path: &Path) -> Result<bool> {
-    let header = Header::read(path)?;
-    Ok(is_segmentation(&header) && segmentation::are_labels(&header)?)
-}
-
-/// Whether the files of the series chosen by `variable` are such segmentations.
-pub(crate) fn chosen_are_labels(paths: &[PathBuf], is_folder: bool, options: &OpenOptions) -> Result<bool> {
-    let headers = paths.iter().map(|path| Header::read(path)).collect::<Result<Vec<_>>>()?;
-    let images = headers.into_iter().filter(is_image).collect();
-    let chosen = choose(images, is_folder, options.variable.as_deref())?;
-    for header in &chosen.headers {
-        if !is_segmentation(header) || !segmentation::are_labels(header)? {
-            return Ok(false);
-        }
-    }
-    Ok(true)
-}
-
 /// Whether a file holds more than one slice of its series.
 fn stands_alone(header: &Header) -> bool {
     header.number(tags::NUMBER_OF_FRAMES).is_some_and(|n| n > 1.0) || header.is_mosaic() || is_segmentation(header)
@@ -303,6 +285,7 @@ impl DicomSeries {
         info.geometry.spacing = placement.spacing;
         info.geometry.unit = Some("millimeter".into());
         info.calibrated = true;
+        info.kind = SaidKind::Image("the kind of DICOM file, an image");
         info.channel_looks = looks_of(&volumes, &slices, &files, options);
         info.time = volumes.time;
         let padding = slices[0].meaning.nodata(voxel_type).or_else(|| padding_of_floats(&slices, voxel_type));
@@ -342,9 +325,9 @@ fn set_unit(files: &[(Header, Frames)], slices: &[Slice], info: &mut SourceInfo)
     let first = units.next().flatten();
     if let Some(other) = units.find(|unit| *unit != first) {
         let [first, other] = [first, other].map(|unit| unit.unwrap_or_else(|| "no unit".into()));
-        info.notes.push(Note::warning(format!(
-            "Slices have values in different units ({first}, {other}): none is kept; `value_unit` gives one."
-        )));
+        let note =
+            format!("Slices have values in different units ({first}, {other}): none is kept; `value_unit` gives one.");
+        info.notes.push(Note::warning(note).settled_by(Setting::ValueUnit));
     } else if let Some(unit) = first {
         info.set_value_unit(&unit, "RescaleType or Units");
     }
@@ -640,7 +623,7 @@ fn check_exact(
         return Ok(());
     };
     let what = match () {
-        () if options.are_labels => "a series of 32-bit labels, some of which f32 would merge,",
+        () if options.are_labels == Some(true) => "a series of 32-bit labels, some of which f32 would merge,",
         () if are_missing => "a 32-bit series with missing slices, which would become f32,",
         () if !options.allow_lossy && slices.iter().all(|slice| slice.meaning.is_whole()) => {
             let problem = "no integer type holds all 32-bit numbers of this series and its padding, and f32 rounds to \

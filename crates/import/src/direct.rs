@@ -10,7 +10,7 @@ pub(crate) fn direct(decode: Decode, nodata: Option<f64>, options: &OpenOptions)
     let Some(to) = options.to_voxel_type.filter(|_| is_wide) else { return decode };
     let own = decode.voxel_type();
     // Signed labels may be held in either type, unless it is told.
-    let is_held_so = decode.scale.is_none() && to == own && !options.are_labels;
+    let is_held_so = decode.scale.is_none() && to == own && options.are_labels != Some(true);
     if is_held_so || to.is_float() && own.is_float() {
         return decode;
     }
@@ -158,7 +158,7 @@ mod tests {
         }
         let source = open(&paths, &to(VoxelType::U32)).unwrap();
         assert_eq!(values(&*source), [3e9]);
-        let labels = OpenOptions { are_labels: true, ..to(VoxelType::I32) };
+        let labels = OpenOptions { are_labels: Some(true), ..to(VoxelType::I32) };
         assert!(open(&paths, &labels).err().unwrap().to_string().contains("become others"));
     }
 }

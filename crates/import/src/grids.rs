@@ -14,6 +14,7 @@ mod union;
 
 use crate::boxes::{inside, pieces};
 use crate::error::{ImportError, Result};
+use crate::labels::SaidKind;
 use crate::options::OpenOptions;
 use crate::raw::identity;
 use crate::series::Remarks;
@@ -80,6 +81,8 @@ impl Grids {
     /// # Errors
     /// If they do not fit together, or no value for voxels without data is known.
     pub(crate) fn new(list: &GridList, grids: Vec<Grid>, options: &OpenOptions) -> Result<Self> {
+        let kinds = grids.iter().map(|grid| (grid.path.as_path(), grid.source.info().kind));
+        let kind = SaidKind::of_all(kinds, options.are_labels.is_some())?;
         let grids = agreement::of_one_type(grids, options)?;
         let (looks, time) = agreement::common(&grids, options)?;
         let union = Union::of(&grids, &list.path)?;
@@ -95,8 +98,8 @@ impl Grids {
             return Err(ImportError::options(&list.path, problem));
         }
         let mut remarks = Remarks::default();
-        grids.iter().for_each(|grid| remarks.add(&grid.source.info().notes, &grid.path));
-        let mut notes = remarks.of_files(grids.len());
+        grids.iter().for_each(|grid| remarks.add(&grid.source.info().notes, grid.path.display()));
+        let mut notes = remarks.of_all(grids.len(), "files");
         notes.extend(coverage.notes(&grids, &union));
         let Union { info, placed, order } = union;
         let mut identity = identity("grids", &[&list.path])?;
@@ -109,7 +112,8 @@ impl Grids {
             layers.push(Some(Layer { grid, placed, sought, reserved }));
         }
         let layers = order.into_iter().filter_map(|i| layers[i].take()).collect();
-        let info = SourceInfo { channel_looks: looks, time, nodata, knows_nodata: are_known, identity, notes, ..info };
+        let info =
+            SourceInfo { kind, channel_looks: looks, time, nodata, knows_nodata: are_known, identity, notes, ..info };
         Ok(Self { info, layers, blank })
     }
 

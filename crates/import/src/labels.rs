@@ -1,86 +1,84 @@
-//! Labels by a file's own word: segmentations of DICOM, NIfTI's intent, and 3D Slicer's keys in NRRD. Costs the headers of the files.
+//! The kind of voxels by a file's own word: DICOM's classes, NIfTI's intent, and 3D Slicer's keys in NRRD. Its reader takes it from the header, adapters
+//! pass it on, and joined files must agree. Costs nothing.
 
-use crate::format::Format;
-use crate::format_of::format_of;
-use crate::grids::{Entry, GridList};
+use crate::error::{ImportError, Result};
 use crate::note::Note;
-use crate::open::{Named, paths_of};
-use crate::options::OpenOptions;
-use crate::variable::split_variable;
-use crate::{dicom, nifti, nrrd, pipe};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-const OF_DICOM: &str = "the kind of DICOM file, a segmentation";
-
-/// The files' word that all their voxels are labels, in a sentence; `None` if one file does not say so, or cannot be examined. It is the
-/// caller's to heed, by [`OpenOptions::are_labels`].
-pub fn labels_said(inputs: &[PathBuf], options: &OpenOptions) -> Option<Note> {
-    if matches!(options.component.as_deref(), Some("magnitude" | "phase")) {
-        return None;
-    }
-    let word = match &options.channel_arrays[..] {
-        [] => word_of_all(inputs, options),
-        arrays => common(arrays.iter().map(|array| {
-            let (inputs, alone) = array.opening(inputs, options);
-            word_of_all(&inputs, &alone)
-        })),
-    };
-    word.map(|word| {
-        Note::new(format!("The voxels are labels, by {word}, and never averaged; `kind` image makes them an image."))
-    })
+/// Kind of voxels by a file's own word, with its place in the file.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum SaidKind {
+    /// No word: most formats have none.
+    #[default]
+    Unsaid,
+    /// Names of things.
+    Labels(&'static str),
+    /// Measurements.
+    Image(&'static str),
 }
 
-/// The word of one volume's files.
-fn word_of_all(inputs: &[PathBuf], options: &OpenOptions) -> Option<&'static str> {
-    let (inputs, options) = split_variable(inputs, options).ok()?;
-    if inputs.iter().any(|input| pipe::is_pipe(input)) {
-        return None;
+impl SaidKind {
+    /// Whether all voxels are labels, by the file.
+    pub fn are_labels(self) -> bool {
+        matches!(self, Self::Labels(_))
     }
-    let Named { paths, is_folder, .. } = paths_of(&inputs, &options).ok()?;
-    match format_of(paths.first()?, &options).ok()? {
-        // Of several series in a folder one is read.
-        Format::Dicom if options.variable.is_some() => {
-            dicom::chosen_are_labels(&paths, is_folder, &options).ok()?.then_some(OF_DICOM)
+
+    /// A note on labels, which are taken as such.
+    pub(crate) fn note(self) -> Option<Note> {
+        let Self::Labels(word) = self else { return None };
+        Some(Note::new(format!(
+            "The voxels are labels, by {word}, and never averaged; `kind` image makes them an image."
+        )))
+    }
+
+    /// The kind of voxels of several files, each named for messages. `is_told`: the caller tells the kind of all.
+    ///
+    /// # Errors
+    /// If some say labels, and others do not: a volume is of one kind, and nobody tells which.
+    pub(crate) fn of_all<'a>(files: impl IntoIterator<Item = (&'a Path, Self)>, is_told: bool) -> Result<Self> {
+        let mut files = files.into_iter();
+        let Some((first_path, mut all)) = files.next() else { return Ok(Self::Unsaid) };
+        for (path, kind) in files {
+            let (labels, other) = match (all, kind) {
+                (Self::Labels(_), Self::Labels(_)) | (Self::Image(_), Self::Image(_)) => continue,
+                (Self::Labels(_), _) => (first_path, path),
+                (_, Self::Labels(_)) => (path, first_path),
+                _ => {
+                    all = Self::Unsaid;
+                    continue;
+                }
+            };
+            if !is_told {
+                let problem = format!(
+                    "says that its voxels are labels, but {} does not, and one store has one kind: pack each by itself, or pass \
+                     `kind` labels or image for all",
+                    other.display()
+                );
+                return Err(ImportError::options(labels, problem));
+            }
+            all = Self::Unsaid;
         }
-        Format::Grids => {
-            let list = GridList::read(&paths[0]).ok()?;
-            let word =
-                |entry: &Entry| word_of_all(std::slice::from_ref(&entry.input), &list.options(entry, &options).ok()?);
-            common(list.entries.iter().map(word))
-        }
-        _ => common(paths.iter().map(|file| word_of(file, &options))),
+        Ok(all)
     }
-}
-
-/// The first word, if all have one.
-fn common(words: impl Iterator<Item = Option<&'static str>>) -> Option<&'static str> {
-    let mut first = None;
-    for word in words {
-        first = first.or(Some(word?));
-    }
-    first
-}
-
-fn word_of(path: &Path, options: &OpenOptions) -> Option<&'static str> {
-    // Files that cannot be examined are reported on opening.
-    let (are_labels, word) = match format_of(path, options).ok()? {
-        Format::Dicom => (dicom::are_labels(path), OF_DICOM),
-        Format::Nifti => (nifti::are_labels(path), "the header's intent (NIFTI_INTENT_LABEL)"),
-        Format::Nrrd => (nrrd::are_labels(path), "the header's segments (3D Slicer)"),
-        _ => return None,
-    };
-    are_labels.ok()?.then_some(word)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::options::{ArrayPlace, ChannelArray};
-    use crate::testing::temp_file;
+    use crate::open::open;
+    use crate::options::{ArrayPlace, ChannelArray, OpenOptions};
+    use crate::source::SourceInfo;
+    use crate::testing::{said, temp_file};
+    use brickyard_volume::{VoxelBox, VoxelType};
+    use std::path::PathBuf;
+
+    fn described(paths: &[PathBuf], options: &OpenOptions) -> Result<SourceInfo, String> {
+        open(paths, options).map(|source| source.info().clone()).map_err(|error| error.to_string())
+    }
 
     fn says(name: &str, bytes: &[u8]) -> bool {
         let (_folder, path) = temp_file(name, bytes);
-        labels_said(&[path], &OpenOptions::default()).is_some()
+        described(&[path], &OpenOptions::default()).unwrap().kind.are_labels()
     }
 
     /// A NIfTI volume of 2 voxels of 16 bits, with a code of intent, a slope and a type.
@@ -142,37 +140,122 @@ mod tests {
         }
     }
 
+    /// The note tells the word, unless the caller's counts.
     #[test]
-    fn all_files_must_say_so_and_no_magnitude_is_one() {
+    fn adapters_pass_the_word_on() {
+        let (_folder, path) = temp_file("a.nii", &nifti(1002, 1.0, 4));
+        let paths = [path];
+        let told = |options: OpenOptions| {
+            let info = described(&paths, &options).unwrap();
+            (info.kind.are_labels(), said(&info.notes).matches("NIFTI_INTENT_LABEL").count())
+        };
+        let plain = OpenOptions::default;
+        let roi = Some(VoxelBox::new([0, 0, 0], [1, 1, 1]));
+        let take_channel = vec!["0".parse().unwrap()];
+        for options in [
+            plain(),
+            OpenOptions { roi, ..plain() },
+            OpenOptions { flip: [true; 3], ..plain() },
+            OpenOptions { take_channel, ..plain() },
+            OpenOptions { to_voxel_type: Some(VoxelType::I32), ..plain() },
+        ] {
+            assert_eq!(told(options.clone()), (true, 1), "{options:?}");
+        }
+        for are_labels in [true, false] {
+            assert_eq!(told(OpenOptions { are_labels: Some(are_labels), ..plain() }), (true, 0));
+        }
+    }
+
+    /// Signed numbers of 64 bits become unsigned as labels alone, and these are never clamped.
+    #[test]
+    fn numbers_are_read_by_the_word() {
+        let wide = |intent: i16| {
+            let mut bytes = nifti(intent, 1.0, 1024);
+            bytes[72..74].copy_from_slice(&64i16.to_le_bytes());
+            bytes.truncate(352);
+            bytes.extend([3_000_000_000i64, 5].map(i64::to_le_bytes).as_flattened());
+            bytes
+        };
+        let (folder, labels) = temp_file("labels.nii", &wide(1002));
+        let image = folder.path().join("image.nii");
+        std::fs::write(&image, wide(0)).unwrap();
+        let [of_labels, of_image] = [labels, image].map(|path| [path]);
+        let plain = OpenOptions::default();
+        assert_eq!(described(&of_labels, &plain).unwrap().voxel_type, VoxelType::U32);
+        assert!(described(&of_image, &plain).unwrap_err().contains("the value 3000000000 cannot be held"));
+        let told = OpenOptions { are_labels: Some(false), ..plain.clone() };
+        assert!(described(&of_labels, &told).unwrap_err().contains("`allow_lossy`"));
+        let narrow = OpenOptions { to_voxel_type: Some(VoxelType::U8), allow_lossy: true, ..plain };
+        assert!(described(&of_labels, &narrow).unwrap_err().contains("labels become others"));
+    }
+
+    #[test]
+    fn joined_files_have_one_word_unless_the_caller_has() {
         let (folder, first) = temp_file("a1.nii", &nifti(1002, 1.0, 4));
         let second = folder.path().join("a2.nii");
-        std::fs::write(&second, nifti(1002, 1.0, 4)).unwrap();
-        let plain = OpenOptions::default();
-        let both = [first.clone(), second.clone()];
-        let note = labels_said(&both, &plain).unwrap();
-        assert!(note.contains("NIFTI_INTENT_LABEL") && note.contains("`kind` image"), "{}", &*note);
-        assert!(labels_said(&[folder.path().to_owned()], &plain).is_some());
-        let magnitude = OpenOptions { component: Some("magnitude".into()), ..plain.clone() };
-        assert!(labels_said(&both, &magnitude).is_none());
-        let layer = OpenOptions { component: Some("0".into()), ..plain.clone() };
-        assert!(labels_said(&both, &layer).is_some());
         let list = folder.path().join("list.json");
-        let says_list = |files: [&str; 2]| {
-            let grids = files.map(|file| format!("{{\"file\": \"{file}\"}}"));
-            std::fs::write(&list, format!("{{\"grids\": [{}]}}", grids.join(","))).unwrap();
-            labels_said(std::slice::from_ref(&list), &plain).is_some()
+        let grids: Vec<String> = (1..3)
+            .map(|i| format!("{{\"file\": \"a{i}.nii\", \"spacing\": [1, 1, 1], \"origin\": [{i}, 0, 0]}}"))
+            .collect();
+        std::fs::write(&list, format!("{{\"grids\": [{}]}}", grids.join(","))).unwrap();
+        let plain = OpenOptions::default();
+        let array = |file: &PathBuf| ChannelArray {
+            name: file.file_stem().unwrap().to_string_lossy().into(),
+            place: ArrayPlace::File(file.clone()),
         };
-        assert!(says_list(["a1.nii", "a2.nii"]) && !says_list(["a1.nii", "none.nii"]));
-        std::fs::remove_file(&list).unwrap();
+        let channels = OpenOptions { channel_arrays: [&first, &second].map(array).to_vec(), ..plain.clone() };
+        let pattern = folder.path().join("a*.nii");
+        let joined = [
+            (vec![first.clone(), second.clone()], plain.clone()),
+            (vec![pattern], plain.clone()),
+            (vec![list], plain.clone()),
+            (Vec::new(), channels.clone()),
+        ];
+        std::fs::write(&second, nifti(1002, 1.0, 4)).unwrap();
+        for (paths, options) in &joined {
+            let info = described(paths, options).unwrap();
+            assert!(info.kind.are_labels(), "{paths:?}");
+            assert_eq!(said(&info.notes).matches("never averaged").count(), 1, "{paths:?}");
+        }
         std::fs::write(&second, nifti(0, 1.0, 4)).unwrap();
-        assert!(labels_said(&both, &plain).is_none());
-        let array = |file: &PathBuf| ChannelArray { name: "a".into(), place: ArrayPlace::File(file.clone()) };
-        let channels = |files: &[&PathBuf]| OpenOptions {
-            channel_arrays: files.iter().map(|file| array(file)).collect(),
-            ..plain.clone()
+        for (paths, options) in &joined {
+            let message = described(paths, options).unwrap_err();
+            let words = ["a1.nii: says that its voxels are labels", "a2.nii does not", "`kind` labels or image"];
+            assert!(words.iter().all(|word| message.contains(word)), "{message}");
+            for are_labels in [true, false] {
+                let told = OpenOptions { are_labels: Some(are_labels), ..options.clone() };
+                assert!(!described(paths, &told).unwrap().kind.are_labels(), "{paths:?}");
+            }
+        }
+        // A component is one of the channels; numbers computed of them are no labels.
+        std::fs::write(&second, nifti(1002, 1.0, 4)).unwrap();
+        let of = |component: &str, are_labels| {
+            described(&[], &OpenOptions { component: Some(component.into()), are_labels, ..channels.clone() })
         };
-        assert!(labels_said(&[], &channels(&[&first])).is_some());
-        assert!(labels_said(&[], &channels(&[&first, &second])).is_none());
-        assert!(labels_said(&[folder.path().join("none.nii")], &plain).is_none() && labels_said(&[], &plain).is_none());
+        assert!(of("a2", None).unwrap().kind.are_labels());
+        assert!(of("magnitude", None).unwrap_err().contains("`kind` image"));
+        assert_eq!(of("magnitude", Some(false)).unwrap().kind, SaidKind::Unsaid);
+    }
+
+    #[test]
+    fn words_of_several_files_are_one_or_none() {
+        use SaidKind::{Image, Labels, Unsaid};
+        let all = |kinds: &[SaidKind], is_told| {
+            let files = kinds.iter().map(|kind| (Path::new("a"), *kind));
+            SaidKind::of_all(files, is_told).ok()
+        };
+        for (kinds, asked, told) in [
+            (&[Labels("a"), Labels("b")][..], Some(Labels("a")), Some(Labels("a"))),
+            (&[Image("a"), Image("a")], Some(Image("a")), Some(Image("a"))),
+            (&[Image("a"), Unsaid, Image("a")], Some(Unsaid), Some(Unsaid)),
+            (&[Labels("a"), Unsaid], None, Some(Unsaid)),
+            (&[Unsaid, Labels("a")], None, Some(Unsaid)),
+            (&[Labels("a"), Labels("a"), Image("a")], None, Some(Unsaid)),
+            (&[Image("a"), Unsaid, Labels("a")], None, Some(Unsaid)),
+            (&[Labels("a"), Unsaid, Labels("a")], None, Some(Unsaid)),
+            (&[], Some(Unsaid), Some(Unsaid)),
+        ] {
+            assert_eq!((all(kinds, false), all(kinds, true)), (asked, told), "{kinds:?}");
+        }
     }
 }

@@ -137,7 +137,7 @@ pub use described::Described;
 pub use element::{Element, Endian};
 pub use error::{ImportError, is_of_process, limit_behind};
 pub use format::has_known_name;
-pub use labels::labels_said;
+pub use labels::SaidKind;
 #[cfg(feature = "mesh")]
 pub use mesh::read_mesh;
 pub use note::Note;

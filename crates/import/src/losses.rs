@@ -67,7 +67,7 @@ impl<'a> Losses<'a> {
         nodata: Option<f64>,
         options: &OpenOptions,
     ) -> Option<Self> {
-        let are_labels = options.are_labels;
+        let are_labels = options.are_labels == Some(true);
         let [least, greatest] = decode.element.limits();
         let may = match (decode.element, decode.scale) {
             (Element::I64 | Element::U64 | Element::F64, _) => true,
@@ -225,7 +225,7 @@ impl<'a> Losses<'a> {
     fn unmarked(&self, number: &dyn std::fmt::Debug) -> ImportError {
         let (name, voxel_type) = (self.decode.element.name(), self.decode.voxel_type());
         let problem = format!(
-            "voxels are {name}, of which {number:?} is no data, for which {voxel_type} has no value; give one with \
+            "voxels are {name}, and the value {number:?} is no data, for which {voxel_type} has no value; give one with \
              `nodata`, or convert to f32"
         );
         ImportError::options(self.path, problem)
@@ -234,7 +234,7 @@ impl<'a> Losses<'a> {
     fn beside_nodata(&self, number: &dyn std::fmt::Debug, nodata: f64) -> ImportError {
         let (name, voxel_type) = (self.decode.element.name(), self.decode().voxel_type());
         let problem = format!(
-            "voxels are {name}, of which {number:?} cannot be held in {voxel_type} beside {nodata:?}, which means no \
+            "voxels are {name}, and the value {number:?} cannot be held in {voxel_type} beside {nodata:?}, which means no \
              data; write the file with values within {voxel_type}, or choose another no-data value with `nodata`"
         );
         ImportError::options(self.path, problem)
@@ -256,7 +256,7 @@ impl<'a> Losses<'a> {
             };
             let (name, held_as) = (self.decode.element.name(), self.decode.voxel_type());
             let problem =
-                format!("voxels are {name}, of which {number:?} cannot be held as it is in {held_as}; {advice}");
+                format!("voxels are {name}, and the value {number:?} cannot be held as it is in {held_as}; {advice}");
             return Err(ImportError::options(self.path, problem));
         }
         match fate {
@@ -291,9 +291,9 @@ impl<'a> Losses<'a> {
             name += &format!(" and {} files more", self.files_before);
         }
         let (count, lost) = (self.count, lost.join(", "));
-        Note::warning(format!(
-            "Voxels are {from} and are held as {to}: of {count} values in {name}, {lost} (such as {example})."
-        ))
+        let text =
+            format!("Voxels are {from} and are held as {to}: of {count} values in {name}, {lost} (such as {example}).");
+        Note::of_changed(self.beyond.saturating_add(self.rounded), text)
     }
 }
 
@@ -409,7 +409,7 @@ mod tests {
 
     #[test]
     fn labels_are_never_merged_whatever_is_allowed() {
-        let labels = |allow_lossy| OpenOptions { allow_lossy, are_labels: true, ..OpenOptions::default() };
+        let labels = |allow_lossy| OpenOptions { allow_lossy, are_labels: Some(true), ..OpenOptions::default() };
         let scaled = |slope| Some(Scale::new(slope, 0.0, VoxelType::F32));
         let i32s = |values: &[i32]| -> Vec<u8> { values.iter().flat_map(|v| v.to_le_bytes()).collect() };
         let long = Element::Voxel(VoxelType::I32);

@@ -14,6 +14,7 @@ use crate::body::{self, Body};
 use crate::direct::is_plain;
 use crate::element::{Decode, Element, Scale};
 use crate::error::{ImportError, Result};
+use crate::labels::SaidKind;
 use crate::losses::Losses;
 use crate::note::Note;
 use crate::options::OpenOptions;
@@ -38,6 +39,7 @@ const INTENT_LABEL: i32 = 1002;
 pub(crate) fn open(path: &Path, options: &OpenOptions) -> Result<RawSource> {
     let found = Found::read(path)?;
     let body = Body::open(&found.body_path)?;
+    let options = &options.heeding(found.kind());
     let source = body.source(found.header.array.clone(), found.info()?, options)?;
     found.check_unchanged()?;
     Ok(source)
@@ -47,6 +49,7 @@ pub(crate) fn open(path: &Path, options: &OpenOptions) -> Result<RawSource> {
 /// all its values have to be checked.
 pub(crate) fn check(path: &Path, options: &OpenOptions) -> Result<StepFile> {
     let found = Found::read(path)?;
+    let options = &options.heeding(found.kind());
     let expected = found.bytes()?;
     let decode = found.header.array.decode;
     let is_plain = is_plain(decode, options) && Losses::may_occur(path, decode, None, options).is_none();
@@ -59,14 +62,6 @@ pub(crate) fn check(path: &Path, options: &OpenOptions) -> Result<StepFile> {
         return Ok(StepFile { info, access, reader_bytes: 0, held_bytes: 0, scratch_bytes: expected, step_time });
     }
     Ok(StepFile::of(&open(path, options)?))
-}
-
-/// Whether the header says that the voxels are labels, which must be whole numbers.
-pub(crate) fn are_labels(path: &Path) -> Result<bool> {
-    let Found { header, .. } = Found::read(path)?;
-    let decode = header.array.decode;
-    let is_whole = decode.scale.is_none() && !decode.voxel_type().is_float();
-    Ok(header.analyze.is_none() && header.fields.intent_code == INTENT_LABEL && is_whole)
 }
 
 struct Found {
@@ -93,6 +88,16 @@ impl Found {
         Ok(Self { header, header_path, body_path, stamps, is_compressed })
     }
 
+    /// The kind of voxels by the header's intent: labels are whole numbers.
+    fn kind(&self) -> SaidKind {
+        let Header { array, analyze, fields, .. } = &self.header;
+        let is_whole = array.decode.scale.is_none() && !array.decode.voxel_type().is_float();
+        match analyze.is_none() && fields.intent_code == INTENT_LABEL && is_whole {
+            true => SaidKind::Labels("the header's intent (NIFTI_INTENT_LABEL)"),
+            false => SaidKind::Unsaid,
+        }
+    }
+
     /// Bytes up to the last voxel, inflated.
     fn bytes(&self) -> Result<u64> {
         self.header.array.end_bytes().map_err(|problem| ImportError::invalid(&self.header_path, problem))
@@ -113,7 +118,7 @@ impl Found {
             });
         }
         let identity = identity("nifti", &[&self.header_path, &self.body_path])?;
-        let mut info = SourceInfo { identity, ..self.header.array.info() };
+        let mut info = SourceInfo { identity, kind: self.kind(), ..self.header.array.info() };
         placement::place(&self.header.fields, &mut info, &mut notes);
         if let Some(analyze) = &self.header.analyze {
             analyze.place(&self.header.fields, &self.header_path, &mut info, &mut notes);

@@ -297,7 +297,7 @@ mod tests {
         for (path, label) in paths.iter().zip(&labels) {
             std::fs::write(path, with_header(header, &body(*label))).unwrap();
         }
-        let told = OpenOptions { are_labels: true, ..options("") };
+        let told = OpenOptions { are_labels: Some(true), ..options("") };
         let source = crate::open::open(&paths, &told).unwrap();
         assert_eq!(source.info().voxel_type, VoxelType::U32);
         for (time, label) in (0..).zip(&labels) {

@@ -42,6 +42,8 @@ pub(crate) fn open(path: &Path, options: &OpenOptions) -> Result<RawSource> {
         notes.push(Note::warning(format!("The header's field '{name}' is none of NRRD's: it is left out.")));
     }
     info.notes.append(&mut notes);
+    info.kind = header.segments.kind(info.voxel_type);
+    let options = &options.heeding(info.kind);
     if let Some(unit) = header.get("sampleunits").map(|unit| unit.trim_matches('"')).filter(|unit| *unit != "???") {
         info.set_value_unit(unit, "sample units");
     }
@@ -49,12 +51,6 @@ pub(crate) fn open(path: &Path, options: &OpenOptions) -> Result<RawSource> {
     stamp.check(path)?;
     files.check_unchanged(&stamps)?;
     Ok(source)
-}
-
-/// Whether the header says that the voxels are labels, which must be whole numbers.
-pub(crate) fn are_labels(path: &Path) -> Result<bool> {
-    let header = Header::read(path)?;
-    Ok(header.segments.are_labels() && !header.decode()?.voxel_type().is_float())
 }
 
 /// The format keeps the range of values from before their quantization, to which no reader returns by itself.

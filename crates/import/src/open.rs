@@ -24,6 +24,7 @@ use crate::variable::{check_inputs, split_variable};
 use crate::{
     bov, dicom, envi, grids, hdf5, meta_image, mrc, netcdf, nifti, npy, npz, nrrd, pictures, raw_text, tiff_stack, vtk,
 };
+use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
 /// Advice for duplicated files in a list.
@@ -49,7 +50,7 @@ pub fn open(inputs: &[PathBuf], options: &OpenOptions) -> Result<Box<dyn Source>
         None => source,
         Some(component) => Box::new(Component::new(source, component, path, &whole)?),
     };
-    take(source, options, path)
+    Ok(told(take(source, options, path)?, options))
 }
 
 /// Opens several arrays, to become the channels of one volume.
@@ -152,15 +153,15 @@ fn open_volume(inputs: &[PathBuf], options: &OpenOptions) -> Result<Box<dyn Sour
 }
 
 /// The files that inputs name.
-pub(crate) struct Named {
-    pub(crate) paths: Vec<PathBuf>,
-    pub(crate) is_folder: bool,
+struct Named {
+    paths: Vec<PathBuf>,
+    is_folder: bool,
     /// Whether nobody has put them in order.
     is_unordered: bool,
 }
 
 /// Finds the files of a folder, a pattern or a list.
-pub(crate) fn paths_of(inputs: &[PathBuf], options: &OpenOptions) -> Result<Named> {
+fn paths_of(inputs: &[PathBuf], options: &OpenOptions) -> Result<Named> {
     let named = |paths, is_folder, is_unordered| Named { paths, is_folder, is_unordered };
     Ok(match inputs {
         [] => return Err(ImportError::options(Path::new("input"), "none given")),
@@ -195,7 +196,17 @@ fn overridden(
     options.override_units(&mut info, path)?;
     override_nodata(&mut info, path, options.nodata)?;
     override_time(&mut info, path, options)?;
+    info.notes.retain(|note| !options.settle(note));
     Ok(Box::new(Described { info, source, first: 0 }))
+}
+
+/// A source with the note on its files' word, where that counts, and every other note once.
+fn told(source: Box<dyn Source>, options: &OpenOptions) -> Box<dyn Source> {
+    let mut info = source.info().clone();
+    info.notes.extend(info.kind.note().filter(|_| options.are_labels.is_none()));
+    let mut seen = HashSet::new();
+    info.notes.retain(|note| seen.insert(note.to_string()) || note.changed() > 0);
+    Box::new(Described { info, source, first: 0 })
 }
 
 /// Checks that a folder can be opened: it holds files of one format. Costs a read of the first bytes of each file.
@@ -365,7 +376,6 @@ fn override_nodata(info: &mut SourceInfo, path: &Path, nodata: NoData) -> Result
         NoData::Value(value) => Some(value.clamp(low, high)),
     };
     (info.nodata, info.knows_nodata) = (value, false);
-    info.notes.retain(|note| !note.is_on_nodata());
     Ok(())
 }
 
@@ -507,7 +517,7 @@ mod tests {
         for bad in ["", "a\nb", &"x".repeat(65)] {
             assert!(refusal(&path, &told(bad)).contains("`value_unit`"), "{bad:?}");
         }
-        assert!(refusal(&path, &OpenOptions { are_labels: true, ..told("K") }).contains("labels have no unit"));
+        assert!(refusal(&path, &OpenOptions { are_labels: Some(true), ..told("K") }).contains("labels have no unit"));
     }
 
     /// Lengths of a series are converted once, not once for its files and once for the whole.

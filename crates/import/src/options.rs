@@ -4,6 +4,8 @@ use crate::axes::AxisOrder;
 use crate::choice::{ChannelChoice, StepChoice};
 use crate::element::{Element, Endian};
 use crate::error::{ImportError, Result};
+use crate::labels::SaidKind;
+use crate::note::{Note, Setting};
 use crate::source::SourceInfo;
 use brickyard_volume::units::free_unit;
 use brickyard_volume::{Extent, VoxelBox, VoxelType};
@@ -138,8 +140,9 @@ pub struct OpenOptions {
     /// those of a conversion.
     /// Otherwise, and always in labels, the first such value is an error.
     pub allow_lossy: bool,
-    /// Whether the voxels are labels: a value outside the voxel type is then an error, as it would become another label.
-    pub are_labels: bool,
+    /// Whether the voxels are labels: a value outside the voxel type is then an error, as it would become another label. `None` leaves it to
+    /// the files' own word, which must be one if they are joined.
+    pub are_labels: Option<bool>,
     /// Whether the same files were opened before with these options: the search for values outside the voxel type, and its note, are skipped.
     pub is_looked_at: bool,
     /// Folder for inflated copies of compressed inputs; `None` is the system's temporary directory.
@@ -150,6 +153,31 @@ impl OpenOptions {
     /// The encoding of the steps before, for voxels that are not converted to it later.
     pub(crate) fn adopted(&self) -> Option<HeldAs> {
         self.held_as.filter(|_| self.to_voxel_type.is_none())
+    }
+
+    /// Whether a remark is stale, as the caller gives the setting that it is on.
+    pub(crate) fn settle(&self, note: &Note) -> bool {
+        note.setting().is_some_and(|setting| match setting {
+            Setting::NoData => self.nodata != NoData::OfFile,
+            Setting::Spacing => self.spacing.is_some(),
+            Setting::Origin => self.origin.is_some(),
+            Setting::Place => self.spacing.is_some() && self.origin.is_some(),
+            Setting::Flip(axis) => self.flip.get(axis) == Some(&true),
+            Setting::Unit => self.unit.is_some(),
+            Setting::ValueUnit => self.value_unit.is_some(),
+            Setting::Times => self.time_step.is_some() || self.time_stamps.is_some(),
+            Setting::TimeUnit => self.time_unit.is_some(),
+        })
+    }
+
+    /// Whether the voxels of a file are labels: by the caller's word, or else by the file's.
+    pub(crate) fn take_labels(&self, said: SaidKind) -> bool {
+        self.are_labels.unwrap_or(said.are_labels())
+    }
+
+    /// The options that read a file with this word.
+    pub(crate) fn heeding(&self, said: SaidKind) -> Self {
+        Self { are_labels: Some(self.take_labels(said)), ..self.clone() }
     }
 
     /// Replaces the file's spacing and origin with the user's.
@@ -201,7 +229,7 @@ impl OpenOptions {
         if let Some(unit) = &self.value_unit {
             let unit = free_unit(unit)
                 .map_err(|problem| ImportError::options(path, format!("`value_unit` {unit:?}: {problem}")))?;
-            if self.are_labels {
+            if self.take_labels(info.kind) {
                 return Err(ImportError::options(path, "`value_unit`: labels have no unit; leave it out"));
             }
             info.looks_of_all().iter_mut().for_each(|look| look.unit = Some(unit.to_owned()));

@@ -51,15 +51,16 @@ struct PictureFile {
 /// # Errors
 /// If one cannot be read, or differs from the first.
 pub(crate) fn open(paths: &[PathBuf], kind: PictureKind, options: &OpenOptions) -> Result<Box<dyn Source>> {
+    let are_labels = options.are_labels == Some(true);
     let mut first: Option<Header> = None;
     let (mut files, mut remarks) = (Vec::with_capacity(paths.len()), Remarks::default());
     let mut reader_bytes = 0;
     for path in paths {
         let stamp = Stamp::of(path)?;
-        let header = header_of(path, kind, options.are_labels);
+        let header = header_of(path, kind, are_labels);
         stamp.check(path)?;
         let header = header?;
-        remarks.add(&header.notes, path);
+        remarks.add(&header.notes, path.display());
         reader_bytes = header.reader_bytes.max(reader_bytes);
         files.push(PictureFile { path: path.clone(), stamp });
         let Some(expected) = &first else {
@@ -91,8 +92,8 @@ pub(crate) fn open(paths: &[PathBuf], kind: PictureKind, options: &OpenOptions) 
     }
     info.geometry.unit = unit.map(str::to_owned);
     info.channel_looks = format.looks(info.channels);
-    info.notes.extend(remarks.of_files(paths.len()));
-    Ok(Box::new(PictureStack { info, kind, format, files, map, are_labels: options.are_labels, reader_bytes }))
+    info.notes.extend(remarks.of_all(paths.len(), "files"));
+    Ok(Box::new(PictureStack { info, kind, format, files, map, are_labels, reader_bytes }))
 }
 
 /// Maps planes to pictures.

@@ -8,12 +8,14 @@
 mod tests;
 
 use crate::error::{ImportError, Result};
+use crate::labels::SaidKind;
 use crate::note::Note;
 use crate::options::OpenOptions;
 use crate::source::{Access, Source, SourceInfo, Take};
 use crate::stamp::Stamp;
 use crate::step_time::StepTime;
 use brickyard_volume::{ChannelLook, Geometry, VoxelBox, counted};
+use std::fmt::Display;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -92,6 +94,7 @@ impl Series {
         let mut named: Option<(Vec<ChannelLook>, &Path)> = None;
         let mut measured: Option<(Vec<ChannelLook>, &Path)> = None;
         let (mut identity, mut remarks) = (String::new(), Remarks::default());
+        let mut kinds = Vec::with_capacity(paths.len());
         let (mut steps, mut step_times) = (Vec::with_capacity(paths.len()), Vec::with_capacity(paths.len()));
         for path in paths {
             let stamp = Stamp::of(path)?;
@@ -122,7 +125,8 @@ impl Series {
             identity += &file.info.identity;
             steps.push(Step { path: path.clone(), stamp, identity: start..identity.len() });
             identity += "\n";
-            remarks.add(&file.info.notes, path);
+            remarks.add(&file.info.notes, path.display());
+            kinds.push((path.as_path(), file.info.kind));
             step_times.push(std::mem::take(&mut file.step_time));
             let (reader_bytes, held_bytes, scratch_bytes) = (file.reader_bytes, file.held_bytes, file.scratch_bytes);
             let all = all.get_or_insert(file);
@@ -135,10 +139,11 @@ impl Series {
         };
         let is_told = options.time_step.is_some() || options.time_stamps.is_some();
         let (time, note) = if is_told { (None, None) } else { StepTime::axis(&step_times) };
-        let mut notes = remarks.of_files(steps.len());
+        let mut notes = remarks.of_all(steps.len(), "files");
         notes.extend(note);
+        let kind = SaidKind::of_all(kinds, options.are_labels.is_some())?;
         let time = all.info.time.take().or(time);
-        all.info = SourceInfo { times: steps.len() as u32, time, identity, notes, ..all.info };
+        all.info = SourceInfo { times: steps.len() as u32, time, kind, identity, notes, ..all.info };
         let open_steps = OPEN_STEPS.min(steps.len()) as u64;
         all.scratch_bytes = all.scratch_bytes.saturating_mul(open_steps);
         let paths: usize = steps.iter().map(|step| step.path.as_os_str().len()).sum();
@@ -198,32 +203,36 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Remarks on the files of a series, each once.
+/// Remarks on parts of a volume, such as the files of a series, each once.
 #[derive(Default)]
-pub(crate) struct Remarks<'a>(Vec<Remark<'a>>);
+pub(crate) struct Remarks(Vec<Remark>);
 
-struct Remark<'a> {
+struct Remark {
     note: Note,
-    first: &'a Path,
-    files: usize,
+    /// Name of the first part with it.
+    first: String,
+    parts: usize,
 }
 
-impl<'a> Remarks<'a> {
-    pub(crate) fn add(&mut self, notes: &[Note], path: &'a Path) {
-        for note in notes {
-            match self.0.iter_mut().find(|remark| remark.note == *note) {
-                Some(remark) => remark.files += 1,
-                None => self.0.push(Remark { note: note.clone(), first: path, files: 1 }),
+impl Remarks {
+    pub(crate) fn add(&mut self, notes: &[Note], name: impl Display) {
+        // A part may have a note twice.
+        for (_, note) in notes.iter().enumerate().filter(|(i, note)| !notes[..*i].contains(note)) {
+            // Values are counted part by part.
+            let is_it = |remark: &&mut Remark| remark.note == *note && note.changed() == 0;
+            match self.0.iter_mut().find(is_it) {
+                Some(remark) => remark.parts += 1,
+                None => self.0.push(Remark { note: note.clone(), first: name.to_string(), parts: 1 }),
             }
         }
     }
 
-    /// Returns the remarks; those on fewer than all `count` files name the first file with them.
-    pub(crate) fn of_files(self, count: usize) -> Vec<Note> {
-        let named = |Remark { note, first, files }| match files {
-            _ if files == count => note,
-            1 => note.about(&format!("{}: ", first.display())),
-            _ => note.about(&format!("{} and {} more of {count} files: ", first.display(), files - 1)),
+    /// Returns the remarks; those on fewer than all `count` parts, called `what`, name the first one with them.
+    pub(crate) fn of_all(self, count: usize, what: &str) -> Vec<Note> {
+        let named = |Remark { note, first, parts }| match parts {
+            _ if parts == count => note,
+            1 => note.about(&format!("{first}: ")),
+            _ => note.about(&format!("{first} and {} more of {count} {what}: ", parts - 1)),
         };
         self.0.into_iter().map(named).collect()
     }

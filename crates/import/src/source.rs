@@ -2,7 +2,8 @@
 
 use crate::axes::Sizes;
 use crate::error::ImportError;
-use crate::note::Note;
+use crate::labels::SaidKind;
+use crate::note::{Note, Setting};
 use crate::step_time::StepTime;
 use brickyard_volume::numbers::exact;
 use brickyard_volume::units::{axis_unit, free_unit};
@@ -22,6 +23,8 @@ pub struct SourceInfo {
     pub time: Option<TimeAxis>,
     /// Voxel type delivered by [`Source::read_box`].
     pub voxel_type: VoxelType,
+    /// Kind of the voxels by the file's own word, whatever the caller says.
+    pub kind: SaidKind,
     /// Spacing, origin and units, as far as the format has them.
     pub geometry: Geometry,
     /// Whether the spacing is known, from the format or the caller. If not, the volume is uncalibrated.
@@ -54,6 +57,7 @@ impl SourceInfo {
             times: sizes.times,
             time: None,
             voxel_type,
+            kind: SaidKind::Unsaid,
             geometry: Geometry::default(),
             calibrated: false,
             says_origin: false,
@@ -105,9 +109,11 @@ impl SourceInfo {
         match free_unit(unit) {
             Ok(unit) => self.looks_of_all().iter_mut().for_each(|look| look.unit = Some(unit.to_owned())),
             Err(_) if unit.trim().is_empty() => {}
-            Err(problem) => self.notes.push(Note::warning(format!(
-                "The file's unit of values ({name}) is left out: {problem}; `value_unit` gives one."
-            ))),
+            Err(problem) => {
+                let note =
+                    format!("The file's unit of values ({name}) is left out: {problem}; `value_unit` gives one.");
+                self.notes.push(Note::warning(note).settled_by(Setting::ValueUnit));
+            }
         }
     }
 
@@ -117,14 +123,16 @@ impl SourceInfo {
         let mut kept = units;
         for (axis, unit) in ["x", "y", "z"].into_iter().zip(&mut kept) {
             if let Err(problem) = axis_unit(unit) {
-                self.notes.push(Note::warning(format!("The unit of {axis} is left out: {problem}; `unit` gives one.")));
+                let note = format!("The unit of {axis} is left out: {problem}; `unit` gives one.");
+                self.notes.push(Note::warning(note).settled_by(Setting::Unit));
                 *unit = "";
             }
         }
         self.geometry.take_units(kept);
         if let Some(units) = self.geometry.units_in_words().filter(|_| self.geometry.axis_units.is_some()) {
             let how = if self.geometry.has_unlike_axes() { "no distances across them" } else { "no lengths" };
-            self.notes.push(Note::new(format!("Positions along x, y, z are in {units}: {how}.")));
+            let note = format!("Positions along x, y, z are in {units}: {how}.");
+            self.notes.push(Note::new(note).settled_by(Setting::Unit));
         }
     }
 
@@ -141,13 +149,13 @@ impl SourceInfo {
         if voxel_type.holds(narrowed) {
             self.nodata = Some(narrowed);
             let what = if is_float { "they become NaN" } else { "they are left out" };
-            self.notes.push(Note::new(note(&exact(narrowed, is_float), what)).on_nodata());
+            self.notes.push(Note::new(note(&exact(narrowed, is_float), what)).settled_by(Setting::NoData));
         } else if value.is_finite() {
             let what = match is_float {
                 true => "f32 cannot hold it, and infinite values hold no data anyway",
                 false => &format!("no {voxel_type} voxel can have this value"),
             };
-            self.notes.push(Note::warning(note(&exact(value, false), what)).on_nodata());
+            self.notes.push(Note::warning(note(&exact(value, false), what)).settled_by(Setting::NoData));
         }
     }
 

@@ -1,7 +1,7 @@
 //! Sizes of pixels in the headers of planes, which mostly lack a distance of planes: their common rules for TIFF and pictures.
 
 use crate::error::{ImportError, Result};
-use crate::note::Note;
+use crate::note::{Note, Setting};
 use crate::options::OpenOptions;
 use crate::source::SourceInfo;
 use glam::DVec3;
@@ -29,10 +29,13 @@ impl Spacing {
         info.calibrated = true;
         if z.is_none() && info.extent.z > 1 {
             let unit = unit.map(|unit| format!(" {unit}")).unwrap_or_default();
-            info.notes.push(Note::warning(format!(
-                "The file gives the size of pixels, but not the distance of planes: {x}{unit} is taken along z, as \
+            info.notes.push(
+                Note::warning(format!(
+                    "The file gives the size of pixels, but not the distance of planes: {x}{unit} is taken along z, as \
                  along x; `spacing` gives another."
-            )));
+                ))
+                .settled_by(Setting::Spacing),
+            );
         }
     }
 }
@@ -83,4 +86,5 @@ pub(crate) fn default_note(dots: f64) -> Note {
     Note::new(format!(
         "{dots} pixels per inch is the resolution of a screen or printer, not of the data: no spacing is taken."
     ))
+    .settled_by(Setting::Spacing)
 }

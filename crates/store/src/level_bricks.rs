@@ -141,7 +141,7 @@ mod tests {
     use crate::metadata::Kind;
     use crate::pack::{PackOptions, pack};
     use crate::store::Store;
-    use brickyard_import::{ImportError, Source, SourceInfo};
+    use brickyard_import::{ImportError, SaidKind, Source, SourceInfo};
     use brickyard_volume::{BrickId, Geometry};
 
     /// A volume in memory.
@@ -186,6 +186,7 @@ mod tests {
             time: None,
             nodata,
             knows_nodata: false,
+            kind: SaidKind::Unsaid,
             identity: "voxels".into(),
             notes: Vec::new(),
         };

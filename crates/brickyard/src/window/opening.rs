@@ -15,7 +15,7 @@ use crate::session::volume_source::VolumeSource;
 use crate::window::background::{self, Background, BackgroundError, Meter, PackingError};
 use crate::window::following::Follower;
 use crate::window::preview::{Preview, PreviewError};
-use brickyard_import::{ImportError, OpenOptions, Source, labels_said};
+use brickyard_import::{ImportError, OpenOptions, Source};
 use brickyard_store::{Kind, PackOptions};
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -267,13 +267,13 @@ impl Drop for Opening {
 /// Opens the path, and reads the preview of files not packed yet.
 fn found(path: PathBuf, options: OpeningOptions, meter: &Meter) -> Result<Found, OpeningError> {
     let inputs = std::slice::from_ref(&path);
-    let said = || labels_said(inputs, &options.files).map_or(Kind::Image, |_| Kind::Labels);
-    let kind = options.kind.unwrap_or_else(said);
-    let files = OpenOptions { are_labels: kind == Kind::Labels, ..options.files };
+    let are_labels = options.kind.map(|kind| kind == Kind::Labels);
+    let files = OpenOptions { are_labels, ..options.files };
     let source = match openable::open(inputs, &files)? {
         Openable::Store(volume) => return Ok(Found::Store(volume)),
         Openable::Source(source) => source,
     };
+    let kind = options.kind.unwrap_or(Kind::said_by(source.info()));
     let pack_options = openable::pack_options(source.info().voxel_type, kind);
     let place = match options.store {
         Some(place) => place,

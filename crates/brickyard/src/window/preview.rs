@@ -287,7 +287,7 @@ mod tests {
     use crate::session::backend::BackendChoice;
     use crate::session::channels::default_layers;
     use crate::session::{Session, SessionOptions, resolve};
-    use brickyard_import::Access;
+    use brickyard_import::{Access, SaidKind};
     use brickyard_store::{PackOptions, pack};
     use brickyard_volume::{BrickIndex, ChannelLook, Extent, Level, LevelGrid, LevelPolicy, Mode, Orientation, Scene};
     use glam::DVec3;
@@ -359,6 +359,7 @@ mod tests {
             time: None,
             nodata: None,
             knows_nodata: false,
+            kind: SaidKind::Unsaid,
             identity: "computed".into(),
             notes: Vec::new(),
         }

@@ -2,7 +2,7 @@
 
 use super::axes::{Dim, Scale};
 use crate::axes::Axis;
-use crate::note::Note;
+use crate::note::{Note, Setting};
 use crate::source::SourceInfo;
 use brickyard_volume::units::{LengthUnit, degree_of_text};
 use brickyard_volume::{TimeAxis, time_unit};
@@ -59,29 +59,37 @@ fn line(scale: &Scale, coordinates: &[f64], axis: Axis, notes: &mut Vec<Note>) -
         .all(|(i, at)| (first + step * i as f64 - at).abs() <= EVEN * step.abs() + rounding);
     if !is_even || step == 0.0 || !step.is_finite() {
         let (name, axis) = (&scale.name, axis.letter());
-        notes.push(Note::warning(format!("The coordinates {name} are not evenly spaced: {axis} is not calibrated.")));
+        notes.push(
+            Note::warning(format!("The coordinates {name} are not evenly spaced: {axis} is not calibrated."))
+                .settled_by(Setting::Spacing),
+        );
         return None;
     }
     Some(Line { name: scale.name.clone(), first, last, step, units })
 }
 
 /// Even coordinates that are of no use without those of the other axes, and how to use them.
-fn left_out(lines: &[Option<Line>; 3]) -> Option<Note> {
-    let told: Vec<String> = ["x", "y", "z"]
-        .into_iter()
-        .zip(lines)
-        .filter_map(|(axis, line)| {
-            let Line { first, last, step, units, .. } = line.as_ref().filter(|line| line.step != 0.0)?;
-            let units = units.as_ref().map_or(String::new(), |units| format!(" {units}"));
+fn left_out(lines: &[Option<Line>; 3]) -> Vec<Note> {
+    let (mut told, mut turns) = (Vec::new(), Vec::new());
+    for (at, axis) in ["x", "y", "z"].into_iter().enumerate() {
+        let Some(line) = lines[at].as_ref().filter(|line| line.step != 0.0) else { continue };
+        let Line { name, first, last, step, units } = line;
+        let units = units.as_ref().map_or(String::new(), |units| format!(" {units}"));
+        told.push(format!("{axis} from {first} by {step}{units}"));
+        if *step < 0.0 {
             let turn =
-                if *step < 0.0 { format!(" (`flip` {axis} makes it ascend from {last})") } else { String::new() };
-            Some(format!("{axis} from {first} by {step}{units}{turn}"))
-        })
-        .collect();
-    let told = (!told.is_empty()).then(|| told.join(", "))?;
-    Some(Note::warning(format!(
-        "Not every axis has even coordinates, so these are left out, too: {told}. `spacing`, `origin` and `unit` give a place."
-    )))
+                format!("The coordinates {name} descend from {first} to {last}: `flip` {axis} makes them ascend.");
+            turns.push(Note::warning(turn).settled_by(Setting::Flip(at)));
+        }
+    }
+    let told = (!told.is_empty()).then(|| {
+        let told = told.join(", ");
+        let note = format!(
+            "Not every axis has even coordinates, so these are left out, too: {told}. `spacing`, `origin` and `unit` give a place."
+        );
+        Note::warning(note).settled_by(Setting::Place)
+    });
+    told.into_iter().chain(turns).collect()
 }
 
 /// Calibrates the volume if every axis of more than one voxel has even coordinates, each axis in its own unit. Returns the
@@ -140,20 +148,25 @@ fn time(info: &mut SourceInfo, coordinates: &[f64], units: Option<&str>, notes: 
         // Each file may count from its own beginning.
         notes.push(Note::new(format!(
             "The time of the only step, {at}{units}, is left out: `time_step` or `time_stamps` gives a series its times."
-        )));
+        )).settled_by(Setting::Times));
     }
     if coordinates.len() < 2 {
         return;
     }
     let unit = units.and_then(unit_of_time);
     if let (Some(units), None) = (units, unit) {
-        notes.push(Note::warning(format!("Times are in {units}, which is no known unit: it is left out.")));
+        notes.push(
+            Note::warning(format!("Times are in {units}, which is no known unit: it is left out."))
+                .settled_by(Setting::TimeUnit),
+        );
     } else if let Some(units) = units.filter(|units| units.contains(" since ")) {
         notes.push(Note::new(format!("Times are in {units}.")));
     }
     match TimeAxis::of_stamps(coordinates.to_vec(), unit.map(str::to_owned)) {
         Ok(axis) => info.time = Some(axis),
-        Err(problem) => notes.push(Note::warning(format!("The file's times are left out: {problem}."))),
+        Err(problem) => {
+            notes.push(Note::warning(format!("The file's times are left out: {problem}.")).settled_by(Setting::Times))
+        }
     }
 }
 
@@ -161,6 +174,7 @@ fn time(info: &mut SourceInfo, coordinates: &[f64], units: Option<&str>, notes: 
 mod tests {
     use super::*;
     use crate::axes::Sizes;
+    use crate::options::OpenOptions;
     use brickyard_volume::{Extent, Geometry, VoxelType};
 
     fn placed(extent: [u32; 3], lines: [Option<(f64, f64, &str)>; 3]) -> Geometry {
@@ -214,10 +228,20 @@ mod tests {
         let sizes = Sizes { extent: Extent::new(144, 73, 6), channels: 1, times: 1 };
         let (mut info, mut notes) = (SourceInfo::plain(sizes, VoxelType::F32), Vec::new());
         assert_eq!(of_lines(&mut info, &lines, &mut notes), [false; 3]);
-        assert!(!info.calibrated && notes.len() == 1 && notes[0].is_warning());
-        let told =
-            "x from 0 by 2.5 degrees_east, y from 90 by -2.5 degrees_north (`flip` y makes it ascend from -90). ";
+        assert!(!info.calibrated && notes.len() == 2 && notes.iter().all(Note::is_warning));
+        let told = "x from 0 by 2.5 degrees_east, y from 90 by -2.5 degrees_north. ";
         assert!(notes[0].contains(told), "{}", &*notes[0]);
+        assert!(notes[1].contains("lat descend from 90 to -90: `flip` y"), "{}", &*notes[1]);
+        // Each is stale once the caller has done it.
+        let stale = |options: &OpenOptions| [0, 1].map(|i: usize| options.settle(&notes[i]));
+        let plain = OpenOptions::default();
+        let spacing = OpenOptions { spacing: Some(glam::DVec3::ONE), ..plain.clone() };
+        let place = OpenOptions { origin: Some(glam::DVec3::ZERO), ..spacing.clone() };
+        let turned = OpenOptions { flip: [false, true, false], ..plain.clone() };
+        assert_eq!(
+            [&plain, &spacing, &place, &turned].map(stale),
+            [[false, false], [false, false], [true, false], [false, true]]
+        );
     }
 
     #[test]

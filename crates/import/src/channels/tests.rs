@@ -155,7 +155,7 @@ fn values_lost_in_the_common_type_are_refused_or_counted() {
     let (_, values, notes) = values_of(&files, &lossy);
     assert_eq!(values, [5.0, 16777216.0, 0.5, 1.0]);
     assert!(notes.contains("a: Voxels are i32 and become f32: of 2 values, 1 rounded"), "{notes}");
-    let labels = OpenOptions { are_labels: true, ..lossy.clone() };
+    let labels = OpenOptions { are_labels: Some(true), ..lossy.clone() };
     assert!(joined(&files, &labels).err().unwrap().contains("become others"));
     // Only the voxels taken count.
     let roi = Some(VoxelBox::new([0, 0, 0], [1, 1, 1]));
@@ -284,6 +284,11 @@ fn times_and_notes_keep_their_names() {
     let joined = channels_of(vec![described_as(&path, "a", |_| ()), timed("b", 2.0)]).unwrap();
     assert_eq!(joined.info().time, axis(2.0));
     assert!(joined.info().notes.iter().any(|note| &**note == "b: odd." && note.is_warning()));
+    // What holds for all is said once, and of nobody.
+    let said = |parts| channels_of(parts).map(|joined| said(&joined.info().notes)).unwrap();
+    assert_eq!(said(vec![timed("a", 2.0), timed("b", 2.0)]), "warning: odd. ");
+    let most = vec![timed("a", 2.0), described_as(&path, "b", |_| ()), timed("c", 2.0)];
+    assert_eq!(said(most), "warning: a and 1 more of 3 channels: odd. ");
     let message = channels_of(vec![timed("a", 1.0), timed("b", 2.0)]).err().unwrap().to_string();
     assert!(message.contains("other times") && message.contains("`time_step`"), "{message}");
 }

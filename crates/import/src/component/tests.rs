@@ -125,6 +125,6 @@ fn what_has_no_such_component_is_refused() {
     assert!(refusal(3, "3", plain()).contains("(0, 1, 2)"));
     assert!(refusal(3, "w", plain()).contains("`component` w"));
     assert!(refusal(3, "phase", plain()).contains("two channels"));
-    let labels = OpenOptions { are_labels: true, ..plain() };
+    let labels = OpenOptions { are_labels: Some(true), ..plain() };
     assert!(refusal(2, "magnitude", labels).contains("labels"));
 }

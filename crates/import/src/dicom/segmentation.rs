@@ -12,6 +12,7 @@ use super::{find_slice, stack};
 use crate::axes::Sizes;
 use crate::element::smallest_type;
 use crate::error::{ImportError, Result};
+use crate::labels::SaidKind;
 use crate::note::Note;
 use crate::options::{Gaps, OpenOptions};
 use crate::placement;
@@ -75,11 +76,6 @@ pub(super) fn is_segmentation(header: &Header) -> bool {
     header.text(tags::SOP_CLASS_UID).is_some_and(|class| known.contains(&class.as_str()))
 }
 
-/// Whether a segmentation's voxels are labels.
-pub(super) fn are_labels(header: &Header) -> Result<bool> {
-    Ok(matches!(form_of(header)?, Form::Binary | Form::LabelMap))
-}
-
 impl Segmentation {
     /// Opens a segmentation, or one segment of it by its number or name.
     pub(super) fn open(
@@ -90,7 +86,7 @@ impl Segmentation {
     ) -> Result<Self> {
         let form = form_of(&header)?;
         let path = header.path.clone();
-        if options.are_labels && matches!(form, Form::Fractional { .. }) {
+        if options.are_labels == Some(true) && matches!(form, Form::Fractional { .. }) {
             let problem = "holds fractions of segments, which are no labels: pack it as an image";
             return Err(ImportError::options(&path, problem));
         }
@@ -127,6 +123,10 @@ impl Segmentation {
         info.geometry.spacing = placement.spacing;
         info.geometry.unit = Some("millimeter".into());
         info.calibrated = true;
+        info.kind = match form {
+            Form::Fractional { .. } => SaidKind::Image("the kind of segmentation, fractions"),
+            Form::Binary | Form::LabelMap => SaidKind::Labels("the kind of DICOM file, a segmentation"),
+        };
         info.channel_looks = kept
             .iter()
             .filter(|segment| channels.contains(&segment.number))

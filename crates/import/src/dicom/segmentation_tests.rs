@@ -2,7 +2,6 @@
 
 use super::tests::{Written, voxels};
 use crate::error::ImportError;
-use crate::labels::labels_said;
 use crate::open::open;
 use crate::options::{Gaps, OpenOptions};
 use crate::source::Source;
@@ -121,7 +120,7 @@ fn bits_become_labels_where_their_frames_lie() {
         voxels
     };
     let all = [(0, 300), (1, 2), (2, 2), (8, 300), (9, 2), (20, 1), (60, 1), (74, 1)];
-    let labels = OpenOptions { are_labels: true, ..OpenOptions::default() };
+    let labels = OpenOptions { are_labels: Some(true), ..OpenOptions::default() };
     for options in [&OpenOptions::default(), &labels] {
         let (_folder, source) = opened(&binary(), options).unwrap();
         let info = source.info();
@@ -145,10 +144,19 @@ fn bits_become_labels_where_their_frames_lie() {
 #[test]
 fn segmentations_but_fractions_say_that_they_are_labels() {
     let ramp: [u8; 15] = std::array::from_fn(|i| 10 * i as u8);
-    for (form, are_labels) in [("BINARY", true), ("LABELMAP", true), ("FRACTIONAL", false), ("OTHER", false)] {
-        let (_folder, path) = saved(&segmentation(form, &[(0.0, 1, ramp)]));
-        assert_eq!(labels_said(std::slice::from_ref(&path), &OpenOptions::default()).is_some(), are_labels, "{form}");
-        assert_eq!(labels_said(&[path], &named("1")).is_some(), are_labels, "{form}");
+    for (form, are_labels) in [("BINARY", true), ("LABELMAP", true), ("FRACTIONAL", false)] {
+        let file = segmentation(form, &[(0.0, 1, ramp)]);
+        let (_folder, source) = opened(&file, &OpenOptions::default()).unwrap();
+        assert_eq!(source.info().kind.are_labels(), are_labels, "{form}");
+        assert_eq!(said(&source.info().notes).contains("never averaged"), are_labels, "{form}");
+        if form == "BINARY" {
+            let (_folder, one) = opened(&file, &named("1")).unwrap();
+            assert!(one.info().kind.are_labels());
+        }
+        // A folder with one file, as a series of it.
+        let (folder, _path) = saved(&file);
+        let source = open(&[folder.path().to_owned()], &OpenOptions::default()).unwrap();
+        assert_eq!(source.info().kind.are_labels(), are_labels, "{form}");
     }
 }
 
@@ -175,7 +183,7 @@ fn fractions_are_channels_and_label_maps_are_labels() {
     };
     let seven = f64::from(0.7f32);
     assert_eq!([read(0, 0), read(1, 0), read(2, 0), read(0, 2), read(2, 2)], [seven, 0.0, 0.0, 0.0, seven]);
-    let labels = OpenOptions { are_labels: true, ..OpenOptions::default() };
+    let labels = OpenOptions { are_labels: Some(true), ..OpenOptions::default() };
     refused(&segmentation("FRACTIONAL", &frames), &labels, &["fractions of segments"]);
     let (_folder, source) = opened(&segmentation("LABELMAP", &frames), &labels).unwrap();
     assert_eq!((source.info().voxel_type, source.info().extent.z), (VoxelType::U8, 3));

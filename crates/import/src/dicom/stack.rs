@@ -8,7 +8,7 @@
 
 use super::pixels::Meaning;
 use crate::error::{ImportError, Result};
-use crate::note::Note;
+use crate::note::{Note, Setting};
 use crate::options::{Gaps, OpenOptions};
 use brickyard_volume::counted;
 use glam::{DMat3, DVec3};
@@ -166,12 +166,12 @@ fn alone(slice: &Slice) -> Along {
     let (spacing, note) = match slice.step_mm {
         Some((mm, name)) => {
             let note = format!("A single slice: its {name} of {mm} mm is taken as the spacing along z.");
-            (mm, Note::new(note))
+            (mm, Note::new(note).settled_by(Setting::Spacing))
         }
         None => {
             let note =
                 "A single slice without SpacingBetweenSlices or SliceThickness: 1 mm is taken as the spacing along z.";
-            (1.0, Note::warning(note))
+            (1.0, Note::warning(note).settled_by(Setting::Spacing))
         }
     };
     Along { spacing, levels: vec![0], note: Some(note) }

@@ -9,7 +9,7 @@ use super::frames::Frames;
 use super::header::Header;
 use super::stack::{Names, Slice, show};
 use crate::error::Result;
-use crate::note::Note;
+use crate::note::{Note, Setting};
 use crate::options::Gaps;
 use brickyard_volume::{TimeAxis, counted};
 use dicom_dictionary_std::tags;
@@ -346,7 +346,7 @@ fn axis_of(when: &When, cells: &[Cell], times: u32, stacked: &Stacked<'_>) -> (O
             return (Some(axis), Note::new(note));
         }
     }
-    (None, Note::warning("The steps have no times: `time_step` or `time_stamps` give them."))
+    (None, Note::warning("The steps have no times: `time_step` or `time_stamps` give them.").settled_by(Setting::Times))
 }
 
 /// Refuses copies of an image.

@@ -3,7 +3,7 @@
 use crate::axes::{Axis, AxisOrder, Sizes};
 use crate::element::{Decode, Element, Endian};
 use crate::error::{ImportError, Result};
-use crate::note::Note;
+use crate::note::{Note, Setting};
 use crate::raw::ArrayLayout;
 use crate::sidecar::numbers;
 use crate::source::SourceInfo;
@@ -181,9 +181,10 @@ impl<'a> Header<'a> {
                 info.calibrated = true;
                 info.notes.push(Note::new("Only the size of pixels is kept of the place on the ground (map info)."));
             }
-            _ => info
-                .notes
-                .push(Note::warning("The size of pixels (map info, pixel size) has no known length: it is left out.")),
+            _ => info.notes.push(
+                Note::warning("The size of pixels (map info, pixel size) has no known length: it is left out.")
+                    .settled_by(Setting::Spacing),
+            ),
         }
         Ok(())
     }

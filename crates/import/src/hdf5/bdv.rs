@@ -9,7 +9,7 @@ use super::types::Stored;
 use crate::axes::{Axis, Sizes};
 use crate::element::{Decode, Element};
 use crate::error::{ImportError, Result};
-use crate::note::Note;
+use crate::note::{Note, Setting};
 use crate::options::OpenOptions;
 use crate::placement::set_matrix;
 use crate::raw::identity;
@@ -247,7 +247,9 @@ fn place(info: &mut SourceInfo, views: &Views, told: &SpimData) {
         let unit = setup.unit.as_deref().unwrap_or_default();
         info.geometry.unit = LengthUnit::of_text(unit).map(|unit| unit.name.to_owned());
         if info.geometry.unit.is_none() && !["", "px", "pixel", "pixels"].contains(&unit) {
-            notes.push(Note::warning(format!("The unit {unit} is no known length: it is left out.")));
+            notes.push(
+                Note::warning(format!("The unit {unit} is no known length: it is left out.")).settled_by(Setting::Unit),
+            );
         }
         info.calibrated = true;
     }

@@ -6,7 +6,7 @@ use crate::array_choice::last_of;
 use crate::axes::Axis;
 use crate::cf;
 use crate::element::Element;
-use crate::note::Note;
+use crate::note::{Note, Setting};
 use crate::source::SourceInfo;
 
 /// The value of numbers never written, in files of NetCDF's library, if the dataset has it.
@@ -44,12 +44,17 @@ pub(super) fn place(info: &mut SourceInfo, tree: &Tree, entry: &Entry, axes: &[A
         sizes.insert(0, 1.0);
     }
     let [z, y, x] = sizes[..] else {
-        info.notes
-            .push(Note::warning(format!("{NAME} has {} numbers in place of z, y, x: it is left out.", sizes.len())));
+        info.notes.push(
+            Note::warning(format!("{NAME} has {} numbers in place of z, y, x: it is left out.", sizes.len()))
+                .settled_by(Setting::Spacing),
+        );
         return;
     };
     if [x, y, z].iter().any(|size| !(size.is_finite() && *size > 0.0)) {
-        info.notes.push(Note::warning(format!("{NAME} {z}, {y}, {x} is no voxel size: it is left out.")));
+        info.notes.push(
+            Note::warning(format!("{NAME} {z}, {y}, {x} is no voxel size: it is left out."))
+                .settled_by(Setting::Spacing),
+        );
         return;
     }
     info.geometry.spacing = glam::DVec3::new(x, y, z);

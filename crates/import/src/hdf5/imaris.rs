@@ -11,7 +11,7 @@ use crate::array_choice::last_of;
 use crate::axes::{Axis, Sizes};
 use crate::element::Decode;
 use crate::error::{ImportError, Result};
-use crate::note::Note;
+use crate::note::{Note, Setting};
 use crate::options::OpenOptions;
 use crate::raw::identity;
 use crate::source::{Source, SourceInfo};
@@ -151,10 +151,15 @@ fn describe(info: &mut SourceInfo, tree: &Tree, stored: &Stored) {
                 "nm" => info.geometry.unit = Some("nanometer".into()),
                 "mm" => info.geometry.unit = Some("millimeter".into()),
                 "m" => info.geometry.unit = Some("meter".into()),
-                other => info.notes.push(Note::warning(format!("The unit {other} is not known: it is left out."))),
+                other => info.notes.push(
+                    Note::warning(format!("The unit {other} is not known: it is left out.")).settled_by(Setting::Unit),
+                ),
             }
         } else {
-            info.notes.push(Note::warning("ExtMin and ExtMax give no voxel size: the volume is not calibrated."));
+            info.notes.push(
+                Note::warning("ExtMin and ExtMax give no voxel size: the volume is not calibrated.")
+                    .settled_by(Setting::Spacing),
+            );
         }
     }
     let looks: Vec<ChannelLook> = (0..info.channels)
@@ -182,14 +187,17 @@ fn describe(info: &mut SourceInfo, tree: &Tree, stored: &Stored) {
     let told = |time: u32| said("/DataSetInfo/TimeInfo", &format!("TimePoint{time}"));
     let stamps: Option<Vec<f64>> = (1..=info.times).map(|time| seconds(&told(time)?)).collect();
     if stamps.is_none() && info.times > 1 && (1..=info.times).any(|time| told(time).is_some()) {
-        info.notes.push(Note::warning("The file's times are left out: not every step has one."));
+        info.notes
+            .push(Note::warning("The file's times are left out: not every step has one.").settled_by(Setting::Times));
     }
     if let Some(stamps) = stamps.filter(|stamps| stamps.len() > 1) {
         let start = stamps[0];
         let stamps = stamps.into_iter().map(|stamp| stamp - start).collect();
         match TimeAxis::of_stamps(stamps, Some("second".into())) {
             Ok(axis) => info.time = Some(axis),
-            Err(problem) => info.notes.push(Note::warning(format!("The file's times are left out: {problem}."))),
+            Err(problem) => info
+                .notes
+                .push(Note::warning(format!("The file's times are left out: {problem}.")).settled_by(Setting::Times)),
         }
     }
 }

@@ -3,7 +3,7 @@
 use super::header::Header;
 use crate::error::Result;
 use crate::lengths::length_unit;
-use crate::note::Note;
+use crate::note::{Note, Setting};
 use crate::placement::set_lps_matrix;
 use crate::source::SourceInfo;
 use brickyard_volume::TimeAxis;
@@ -18,7 +18,7 @@ pub(super) fn place(header: &Header, info: &mut SourceInfo, notes: &mut Vec<Note
     };
     info.calibrated = told.as_ref().is_some_and(|spacing| spacing.iter().take(3).all(|n| *n != 0.0));
     if told.is_some() && !info.calibrated {
-        notes.push(Note::warning("The header's spacing has a 0: 1 is taken for it."));
+        notes.push(Note::warning("The header's spacing has a 0: 1 is taken for it.").settled_by(Setting::Spacing));
     }
     let spacing = told.unwrap_or_else(|| vec![1.0; count]);
     let spacing: Vec<f64> = spacing.iter().map(|n| if *n == 0.0 { 1.0 } else { *n }).collect();
@@ -72,7 +72,10 @@ fn set_unit(header: &Header, info: &mut SourceInfo, notes: &mut Vec<Note>) {
     let Some(unit) = header.get("DistanceUnits").filter(|unit| !unit.is_empty() && *unit != "?") else { return };
     match length_unit(unit) {
         Some(unit) => info.geometry.unit = Some(unit.to_owned()),
-        None => notes.push(Note::warning(format!("The DistanceUnits '{unit}' are not known: they are left out."))),
+        None => notes.push(
+            Note::warning(format!("The DistanceUnits '{unit}' are not known: they are left out."))
+                .settled_by(Setting::Unit),
+        ),
     }
 }
 
@@ -99,6 +102,7 @@ fn set_time(
     let axis = TimeAxis { start, step, stamps: Vec::new(), unit: None };
     match axis.check(info.times) {
         Ok(()) => info.time = Some(axis),
-        Err(problem) => notes.push(Note::warning(format!("The header's time axis is left out: {problem}."))),
+        Err(problem) => notes
+            .push(Note::warning(format!("The header's time axis is left out: {problem}.")).settled_by(Setting::Times)),
     }
 }

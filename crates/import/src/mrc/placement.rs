@@ -1,7 +1,7 @@
 //! Placement of an MRC volume: spacing from cell and intervals, position from the origin or the first indices.
 
 use super::header::Fields;
-use crate::note::Note;
+use crate::note::{Note, Setting};
 use crate::placement::set_matrix;
 use crate::source::SourceInfo;
 use glam::{DMat3, DVec3};
@@ -25,17 +25,22 @@ pub(super) fn place(fields: &Fields, info: &mut SourceInfo, notes: &mut Vec<Note
     if info.extent.z == 1 && fields.cell[2] == 0.0 {
         steps[2] = steps[0];
         if steps[2] > 0.0 {
-            notes.push(Note::new("The single section has no depth in the header: the width of a column is taken."));
+            notes.push(
+                Note::new("The single section has no depth in the header: the width of a column is taken.")
+                    .settled_by(Setting::Spacing),
+            );
         }
     }
     if !steps.iter().all(|&step| step > 0.0 && step.is_finite()) {
         if fields.cell != [0.0; 3] {
             let (cell, intervals) = (fields.cell, fields.intervals);
             let problem = format!("The cell, {cell:?} angstroms in {intervals:?} intervals, gives no voxel size.");
-            notes.push(Note::warning(problem));
+            notes.push(Note::warning(problem).settled_by(Setting::Spacing));
         }
         if fields.origin != [0.0; 3] || fields.starts != [0; 3] {
-            notes.push(Note::new("Without a voxel size, the header's position is left out."));
+            notes.push(
+                Note::new("Without a voxel size, the header's position is left out.").settled_by(Setting::Origin),
+            );
         }
         return;
     }
@@ -88,7 +93,10 @@ fn origin(fields: &Fields, steps: DMat3, notes: &mut Vec<Note>) -> DVec3 {
     }
     let (origin, by_start) = (DVec3::from_array(fields.origin), steps * DVec3::from_array(starts));
     if !origin.is_finite() {
-        notes.push(Note::warning(format!("ORIGIN is {:?}, which is no position: it is left out.", fields.origin)));
+        notes.push(
+            Note::warning(format!("ORIGIN is {:?}, which is no position: it is left out.", fields.origin))
+                .settled_by(Setting::Origin),
+        );
         return by_start;
     }
     if origin == DVec3::ZERO {
@@ -98,12 +106,15 @@ fn origin(fields: &Fields, steps: DMat3, notes: &mut Vec<Note>) -> DVec3 {
         notes.push(Note::warning(format!(
             "The header has two positions of the first voxel: ORIGIN {origin}, which is taken, and {by_start} by NXSTART, \
              NYSTART, NZSTART."
-        )));
+        )).settled_by(Setting::Origin));
     }
     if fields.has_imod_origin() {
-        notes.push(Note::warning(
-            "The origin may have the opposite sign: IMOD wrote it, without the flag of the standard's sign.",
-        ));
+        notes.push(
+            Note::warning(
+                "The origin may have the opposite sign: IMOD wrote it, without the flag of the standard's sign.",
+            )
+            .settled_by(Setting::Origin),
+        );
     }
     origin
 }

@@ -7,7 +7,7 @@ use crate::axes::Axis;
 use crate::cf::Attributes;
 use crate::element::{Element, Scale};
 use crate::error::{ImportError, Result};
-use crate::note::Note;
+use crate::note::{Note, Setting};
 use crate::placement::set_matrix;
 use crate::raw::RawSource;
 use crate::source::{Source, SourceInfo};
@@ -167,7 +167,10 @@ fn place(header: &Header<'_>, variable: &Variable, info: &mut SourceInfo) -> Vec
         let step = number("step").unwrap_or(1.0);
         let is_of_image = header.dims_of(variable).any(|dim| dim == name);
         if is_of_image && !(is_even && step.is_finite() && step != 0.0) {
-            notes.push(Note::warning(format!("Steps along {name} are uneven: the volume is not calibrated.")));
+            notes.push(
+                Note::warning(format!("Steps along {name} are uneven: the volume is not calibrated."))
+                    .settled_by(Setting::Spacing),
+            );
             return notes;
         }
         let cosines = told.as_ref().and_then(|told| told.numbers("direction_cosines"));
@@ -184,7 +187,9 @@ fn place(header: &Header<'_>, variable: &Variable, info: &mut SourceInfo) -> Vec
     match units.iter().all(|unit| unit == "mm") {
         true if units.is_empty() => {}
         true => info.geometry.unit = Some("millimeter".into()),
-        false => notes.push(Note::warning(format!("Units of the axes, {}, are left out.", units.join(", ")))),
+        false => notes.push(
+            Note::warning(format!("Units of the axes, {}, are left out.", units.join(", "))).settled_by(Setting::Unit),
+        ),
     }
     set_matrix(matrix, info, &mut notes);
     notes

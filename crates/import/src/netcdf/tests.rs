@@ -2,7 +2,7 @@
 
 use super::open;
 use crate::open::open as open_any;
-use crate::options::{NoData, OpenOptions};
+use crate::options::{ArrayPlace, ChannelArray, NoData, OpenOptions};
 use crate::testing::{Field, assert_boxes, said, temp_file};
 use brickyard_volume::VoxelType;
 use glam::DVec3;
@@ -251,6 +251,35 @@ fn climate() -> Made {
     };
     let dims = vec![("when", 0), ("phi", 3), ("lambda", 4)];
     Made { version: 1, dims, records: 2, is_streamed: false, vars: vec![hours, temperature, down, along] }
+}
+
+/// Notes that ask for a place are stale once it is given.
+#[test]
+fn what_the_caller_gives_is_not_asked_for() {
+    let mut made = climate();
+    made.vars[3].data = doubles(&[10.0, 12.0, 15.0, 17.5]);
+    let (_folder, path) = temp_file("a.nc", &made.finish());
+    let told = |options: OpenOptions| said(&open_any(std::slice::from_ref(&path), &options).unwrap().info().notes);
+    let has = |told: &str| {
+        ["are not evenly spaced", "`spacing`, `origin` and `unit` give a place", "`flip` y", "hours since"]
+            .map(|words| told.contains(words))
+    };
+    let (spacing, origin) = (Some(glam::DVec3::ONE), Some(glam::DVec3::ZERO));
+    let plain = OpenOptions::default;
+    assert_eq!(has(&told(plain())), [true; 4]);
+    assert_eq!(has(&told(OpenOptions { spacing, ..plain() })), [false, true, true, true]);
+    assert_eq!(has(&told(OpenOptions { spacing, origin, ..plain() })), [false, false, true, true]);
+    let flip = [false, true, false];
+    // The file's time of the first step holds beside another step.
+    let all = OpenOptions { spacing, origin, flip, time_step: Some(6.0), ..plain() };
+    assert_eq!(has(&told(all)), [false, false, false, true]);
+    // Nor is anything said once for each channel of the file.
+    made.vars.push(Var { name: "t3m", ..climate().vars.swap_remove(1) });
+    std::fs::write(&path, made.finish()).unwrap();
+    let array = |name: &str| ChannelArray { name: name.into(), place: ArrayPlace::Input(name.into()) };
+    let both = told(OpenOptions { channel_arrays: ["t2m", "t3m"].map(array).to_vec(), ..plain() });
+    assert_eq!(has(&both), [true; 4], "{both}");
+    assert_eq!(both.matches("are not evenly spaced").count(), 1, "{both}");
 }
 
 /// Axes are known by units alone, and a latitude that descends is turned round.

@@ -1,7 +1,7 @@
 //! ANALYZE 7.5 headers, of which NIfTI's are a later use: the fields that mean something else there, read as SPM and nibabel do.
 
 use super::fields::{Bytes, Fields};
-use crate::note::Note;
+use crate::note::{Note, Setting};
 use crate::source::SourceInfo;
 use brickyard_volume::Extent;
 use glam::DVec3;
@@ -50,7 +50,10 @@ impl Analyze {
             "cm" => Some("centimeter".into()),
             "um" => Some("micrometer".into()),
             unit => {
-                notes.push(Note::warning(format!("The unit of voxel sizes, '{unit}', is not known.")));
+                notes.push(
+                    Note::warning(format!("The unit of voxel sizes, '{unit}', is not known."))
+                        .settled_by(Setting::Unit),
+                );
                 None
             }
         };

@@ -2,7 +2,7 @@
 //! and `toffset`.
 
 use super::fields::Fields;
-use crate::note::Note;
+use crate::note::{Note, Setting};
 use crate::placement::set_matrix;
 use crate::source::SourceInfo;
 use brickyard_volume::TimeAxis;
@@ -19,9 +19,12 @@ pub(super) fn place(header: &Fields, info: &mut SourceInfo, notes: &mut Vec<Note
     info.geometry.spacing = DVec3::from_array(spacing);
     info.calibrated = sound == [true; 3];
     if !info.calibrated {
-        notes.push(Note::warning(format!(
-            "Voxel sizes {sizes:?} in the header must be positive; 1 is taken for invalid ones."
-        )));
+        notes.push(
+            Note::warning(format!(
+                "Voxel sizes {sizes:?} in the header must be positive; 1 is taken for invalid ones."
+            ))
+            .settled_by(Setting::Spacing),
+        );
     }
     info.geometry.unit = match header.xyzt_units & 7 {
         1 => Some("meter".into()),
@@ -57,7 +60,7 @@ pub(super) fn set_time(header: &Fields, info: &mut SourceInfo, notes: &mut Vec<N
         24 => Some("microsecond"),
         _ => {
             let note = "The fourth axis is not time, by the header (xyzt_units): its steps are numbered.";
-            notes.push(Note::new(note));
+            notes.push(Note::new(note).settled_by(Setting::Times));
             return;
         }
     };
@@ -69,7 +72,8 @@ pub(super) fn set_time(header: &Fields, info: &mut SourceInfo, notes: &mut Vec<N
     let axis = TimeAxis { start, step, stamps: Vec::new(), unit: unit.map(str::to_owned) };
     match axis.check(info.times) {
         Ok(()) => info.time = Some(axis),
-        Err(problem) => notes.push(Note::warning(format!("The header's time axis is left out: {problem}."))),
+        Err(problem) => notes
+            .push(Note::warning(format!("The header's time axis is left out: {problem}.")).settled_by(Setting::Times)),
     }
 }
 

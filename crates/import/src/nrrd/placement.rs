@@ -3,7 +3,7 @@
 use super::header::Header;
 use super::kinds::Axes;
 use crate::error::Result;
-use crate::note::Note;
+use crate::note::{Note, Setting};
 use crate::placement::set_matrix;
 use crate::source::SourceInfo;
 use brickyard_volume::units::LengthUnit;
@@ -69,7 +69,7 @@ pub(super) fn place(header: &Header, axes: &Axes, info: &mut SourceInfo, notes: 
         (None, space) => {
             if space.is_some() && header.get("spaceorigin").is_some() {
                 let note = "The space origin is left out: without space directions it places nothing.";
-                notes.push(Note::warning(note));
+                notes.push(Note::warning(note).settled_by(Setting::Origin));
             }
             place_by_axes(header, axes, info, notes)?;
             set_time(header, axes, info, notes)?;
@@ -111,7 +111,7 @@ fn place_in_space(
     info.calibrated = in_space.iter().all(|step| step.is_finite() && step.length() > 0.0);
     if !info.calibrated {
         info.geometry.spacing = DVec3::ONE;
-        notes.push(Note::warning("The space directions give no spacing: 1 is taken."));
+        notes.push(Note::warning("The space directions give no spacing: 1 is taken.").settled_by(Setting::Spacing));
     }
     set_unit(&lengths, info, notes);
     let signs = space.to_right_front_head.unwrap_or([1.0; 3]);
@@ -163,7 +163,7 @@ fn origin_of(header: &Header, space: &Space, notes: &mut Vec<Note>) -> Result<Ve
         Some(origin) if origin.len() != space.dimension => Err(header.not_valid("spaceorigin")),
         Some(origin) if origin.iter().all(|n| n.is_finite()) => Ok(origin.clone()),
         _ => {
-            notes.push(Note::warning("The space origin is unknown: 0 is taken."));
+            notes.push(Note::warning("The space origin is unknown: 0 is taken.").settled_by(Setting::Origin));
             Ok(vec![0.0; space.dimension])
         }
     }
@@ -192,7 +192,7 @@ fn place_by_axes(header: &Header, axes: &Axes, info: &mut SourceInfo, notes: &mu
         let Some(step) = step.filter(|step| *step != 0.0) else { continue };
         if step < 0.0 {
             let note = format!("The step along axis {axis} is {step}, which must be positive: 1 is taken.");
-            notes.push(Note::warning(note));
+            notes.push(Note::warning(note).settled_by(Setting::Spacing));
             continue;
         }
         (spacing[place], origin[place]) = (step, samples.start(*axis, step).unwrap_or(0.0));
@@ -205,7 +205,7 @@ fn place_by_axes(header: &Header, axes: &Axes, info: &mut SourceInfo, notes: &mu
     let told: Vec<&str> = told.map(|unit| if unit == "???" { "" } else { unit }).collect();
     let Some(first) = told.iter().find(|unit| !unit.is_empty()) else { return Ok(()) };
     if told.contains(&"") {
-        notes.push(Note::warning("Some axes of space have no unit: `unit` gives all three."));
+        notes.push(Note::warning("Some axes of space have no unit: `unit` gives all three.").settled_by(Setting::Unit));
     }
     // The file has nothing along made-up axes.
     info.take_axis_units(std::array::from_fn(|place| *told.get(place).unwrap_or(first)));
@@ -294,11 +294,11 @@ fn set_unit(space: &Lengths, info: &mut SourceInfo, notes: &mut Vec<Note>) {
     let Some(first) = space.units.iter().find(is_told) else { return };
     if space.units.iter().all(|unit| unit == first) {
         let note = format!("The unit '{first}' is not known as one of length: it is left out.");
-        return notes.push(Note::warning(note));
+        return notes.push(Note::warning(note).settled_by(Setting::Unit));
     }
     info.calibrated = false;
     let note = format!("The axes have different units ({}): give spacing and unit yourself.", space.units.join(", "));
-    notes.push(Note::warning(note));
+    notes.push(Note::warning(note).settled_by(Setting::Spacing));
 }
 
 /// The time axis from the fourth coordinate of a space.
@@ -313,7 +313,9 @@ fn set_time_of_space(
     let in_time = |axis: &usize| directions.get(*axis).and_then(Option::as_ref).and_then(|d| d.get(3)).copied();
     let is_apart = step.iter().take(3).all(|n| *n == 0.0) && axes.space.iter().all(|a| in_time(a) == Some(0.0));
     if !is_apart {
-        notes.push(Note::warning("The time axis is left out: it is not at right angles to space."));
+        notes.push(
+            Note::warning("The time axis is left out: it is not at right angles to space.").settled_by(Setting::Times),
+        );
         return;
     }
     let step = step.get(3).copied().unwrap_or_default();
@@ -329,7 +331,10 @@ fn set_time(header: &Header, axes: &Axes, info: &mut SourceInfo, notes: &mut Vec
     let Some(step) = samples.step(axis, info.times) else { return Ok(()) };
     let known = unit.and_then(|unit| time_unit(unit).ok());
     if let (Some(unit), None) = (unit, known) {
-        notes.push(Note::warning(format!("The unit '{unit}' is not known as one of time: steps are numbered.")));
+        notes.push(
+            Note::warning(format!("The unit '{unit}' is not known as one of time: steps are numbered."))
+                .settled_by(Setting::Times),
+        );
         return Ok(());
     }
     let start = samples.start(axis, step).unwrap_or(0.0);
@@ -343,6 +348,7 @@ fn take_time(axis: TimeAxis, info: &mut SourceInfo, notes: &mut Vec<Note>) {
     }
     match axis.check(info.times) {
         Ok(()) => info.time = Some(axis),
-        Err(problem) => notes.push(Note::warning(format!("The header's time axis is left out: {problem}."))),
+        Err(problem) => notes
+            .push(Note::warning(format!("The header's time axis is left out: {problem}.")).settled_by(Setting::Times)),
     }
 }

@@ -1,7 +1,9 @@
 //! Segments of 3D Slicer in the keys of a header: whether voxels are labels, and a note of names, as a store keeps the numbers alone. Costs the keys'
 //! text.
 
+use crate::labels::SaidKind;
 use crate::note::Note;
+use brickyard_volume::VoxelType;
 use std::collections::BTreeMap;
 
 /// Most segments named in the note, and the longest name.
@@ -44,8 +46,16 @@ impl Segments {
         }
     }
 
+    /// The kind of voxels of this type: labels are whole numbers.
+    pub(super) fn kind(&self, voxel_type: VoxelType) -> SaidKind {
+        match self.are_labels() {
+            true if !voxel_type.is_float() => SaidKind::Labels("the header's segments (3D Slicer)"),
+            _ => SaidKind::Unsaid,
+        }
+    }
+
     /// Whether the voxels are labels: fractions of segments and closed surfaces are none.
-    pub(super) fn are_labels(&self) -> bool {
+    fn are_labels(&self) -> bool {
         !self.by_number.is_empty() && self.representation.as_deref().is_none_or(|of| of == "binary labelmap")
     }
 

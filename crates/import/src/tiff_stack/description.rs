@@ -11,7 +11,7 @@ use super::page::PageFormat;
 use super::units::unit_of;
 use crate::axes::{Axis, Sizes};
 use crate::element::{Element, Scale};
-use crate::note::Note;
+use crate::note::{Note, Setting};
 use crate::options::NoData;
 use crate::source::SourceInfo;
 use crate::spacing::Spacing;
@@ -143,11 +143,13 @@ impl Description {
                 let known = time_unit(unit).map(str::to_owned);
                 if known.is_err() {
                     let warning = format!("The unit of time '{unit}' is not known; times are kept without a unit.");
-                    self.notes.push(Note::warning(warning));
+                    self.notes.push(Note::warning(warning).settled_by(Setting::TimeUnit));
                 }
                 self.time = Some(TimeAxis { unit: known.ok(), ..axis });
             }
-            Err(problem) => self.notes.push(Note::warning(format!("The description's times are left out: {problem}."))),
+            Err(problem) => self.notes.push(
+                Note::warning(format!("The description's times are left out: {problem}.")).settled_by(Setting::Times),
+            ),
         }
     }
 
@@ -164,7 +166,9 @@ impl Description {
         let times = stamps.len() as u32;
         match TimeAxis::of_stamps(stamps, None) {
             Ok(axis) => self.set_time(axis, unit, times),
-            Err(problem) => self.notes.push(Note::warning(format!("{whose} times are left out: {problem}."))),
+            Err(problem) => self
+                .notes
+                .push(Note::warning(format!("{whose} times are left out: {problem}.")).settled_by(Setting::Times)),
         }
     }
 
@@ -174,7 +178,7 @@ impl Description {
             Some(unit) => self.unit = Some(unit.name),
             None => {
                 let warning = format!("The unit '{name}' is not known; lengths are kept without a unit.");
-                self.notes.push(Note::warning(warning));
+                self.notes.push(Note::warning(warning).settled_by(Setting::Unit));
             }
         }
     }

@@ -5,7 +5,7 @@ use super::calibration::Calibration;
 use super::description::{Declared, Description};
 use super::units::unit_of;
 use crate::axes::Axis;
-use crate::note::Note;
+use crate::note::{Note, Setting};
 use crate::spacing::Spacing;
 use brickyard_volume::ChannelLook;
 
@@ -90,10 +90,13 @@ fn in_unit_of_x(description: &mut Description, unit: Option<&str>, others: [Opti
         ["y", "z"].into_iter().zip(others).zip(are_lost).filter_map(|(at, is_lost)| is_lost.then_some(at))
     {
         let (other, unit) = (other.unwrap_or_default(), unit.unwrap_or("none"));
-        description.notes.push(Note::warning(format!(
-            "Lengths along {axis} are in '{other}', those along x in '{unit}': the former are left out; `spacing` \
+        description.notes.push(
+            Note::warning(format!(
+                "Lengths along {axis} are in '{other}', those along x in '{unit}': the former are left out; `spacing` \
              gives them."
-        )));
+            ))
+            .settled_by(Setting::Spacing),
+        );
     }
 }
 

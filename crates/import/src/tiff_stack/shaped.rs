@@ -9,7 +9,7 @@ use super::hyperstack::{is_length, spacing};
 use super::page::PageFormat;
 use super::tag_scale::ScaleTags;
 use crate::axes::Axis;
-use crate::note::Note;
+use crate::note::{Note, Setting};
 use crate::spacing::Spacing;
 use serde_json::Value;
 
@@ -72,7 +72,7 @@ fn place(description: &mut Description, values: &Value, tags: &ScaleTags) {
                 description.notes.push(Note::warning(format!(
                     "The description's spacing of {depth} has no unit, and that of pixels is {of_pixels}: the distance \
                      of slices is left out; pass `spacing` and `unit`."
-                )));
+                )).settled_by(Setting::Spacing));
                 return;
             }
             description.set_unit(unit);

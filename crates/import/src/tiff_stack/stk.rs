@@ -6,7 +6,7 @@
 use super::description::{Declared, Description};
 use super::hyperstack::is_length;
 use crate::axes::Axis;
-use crate::note::Note;
+use crate::note::{Note, Setting};
 use crate::spacing::Spacing;
 use std::io::{Read, Seek, SeekFrom};
 use tiff::tags::Tag;
@@ -83,7 +83,7 @@ fn described(planes: &[[u8; UIC2_BYTES as usize]]) -> Description {
             true => description.spacing = Some(Spacing { x: 1.0, y: 1.0, z: Some(first) }),
             false => {
                 let note = "MetaMorph's planes are not evenly spaced; their distances are left out.";
-                description.notes.push(Note::warning(note));
+                description.notes.push(Note::warning(note).settled_by(Setting::Spacing));
             }
         }
     } else if is_t {
@@ -138,7 +138,7 @@ impl<R: Read + Seek> Tags<'_, R> {
             if depth.is_some() {
                 description.set_unit(Some("um"));
                 let note = "MetaMorph's file says how far planes lie apart, not how large pixels are: 1 is taken along x and y.";
-                description.notes.push(Note::warning(note));
+                description.notes.push(Note::warning(note).settled_by(Setting::Spacing));
             }
             return Ok(());
         };

@@ -2,7 +2,7 @@
 
 use super::arrays::Of;
 use crate::error::{ImportError, Result};
-use crate::note::Note;
+use crate::note::{Note, Setting};
 use crate::placement::set_matrix;
 use crate::source::SourceInfo;
 use brickyard_volume::Extent;
@@ -97,9 +97,12 @@ impl Grid {
         // Writers of single slices leave their thickness at 0.
         info.calibrated = self.spacing.is_some() && (0..3).all(|axis| sound[axis] || counts[axis] == 1);
         if sound != [true; 3] {
-            info.notes.push(Note::warning(format!(
-                "The file's spacing {said:?} is no distance between points; 1 is taken for invalid ones."
-            )));
+            info.notes.push(
+                Note::warning(format!(
+                    "The file's spacing {said:?} is no distance between points; 1 is taken for invalid ones."
+                ))
+                .settled_by(Setting::Spacing),
+            );
         }
         if self.origin.iter().chain(&self.direction).any(|number| !number.is_finite()) {
             let problem = "has an origin or a direction of infinite numbers; write the file again";

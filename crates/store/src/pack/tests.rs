@@ -14,7 +14,7 @@ use crate::downsample::Downsample;
 use crate::layout::JOURNAL_NAME;
 use crate::shard_file::IoMode;
 use crate::store::Store;
-use brickyard_import::{Access, SourceInfo};
+use brickyard_import::{Access, SaidKind, SourceInfo};
 use brickyard_volume::{
     BrickId, BrickIndex, ChannelLook, Extent, Geometry, Level, OccupancyBins, Orientation, Pyramid, TimeAxis, Voxel,
     VoxelBox,
@@ -61,6 +61,7 @@ impl<T: Voxel> Array<T> {
             time: None,
             nodata: None,
             knows_nodata: false,
+            kind: SaidKind::Unsaid,
             identity: "array".into(),
             notes: Vec::new(),
         };

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::session::resolve::resolve;
-use brickyard_import::{ImportError, Source, SourceInfo};
+use brickyard_import::{ImportError, SaidKind, Source, SourceInfo};
 use brickyard_pager::BrickSource;
 use brickyard_store::{PackOptions, pack};
 use brickyard_volume::{
@@ -382,6 +382,7 @@ fn packed(folder: &tempfile::TempDir, voxel: fn([u32; 3]) -> u8) -> VolumeSource
         time: None,
         nodata: None,
         knows_nodata: false,
+        kind: SaidKind::Unsaid,
         identity: "a cube".into(),
         notes: Vec::new(),
     };

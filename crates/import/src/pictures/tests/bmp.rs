@@ -112,7 +112,7 @@ fn masks_say_where_the_colours_are() {
 #[test]
 fn palettes_of_1_4_and_8_bits() {
     let colours = [30, 20, 10, 0, 60, 50, 40, 0];
-    let labels = OpenOptions { are_labels: true, ..OpenOptions::default() };
+    let labels = OpenOptions { are_labels: Some(true), ..OpenOptions::default() };
     for (bits, rows) in [(1, &[0b0110_0000, 0b1000_0000][..]), (4, &[0x01, 0x10, 0x10, 0x00]), (8, &[0, 1, 1, 1, 0, 0])]
     {
         let picture = Picture { bits, colours: &colours, rows, ..PLAIN };

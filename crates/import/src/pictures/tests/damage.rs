@@ -93,7 +93,7 @@ proptest! {
             bytes = with_checksums(&bytes);
         }
         let (_folder, path) = temp_file(name, &bytes);
-        let _ = read_all(&path, &OpenOptions { are_labels, ..OpenOptions::default() });
+        let _ = read_all(&path, &OpenOptions { are_labels: Some(are_labels), ..OpenOptions::default() });
     }
 }
 

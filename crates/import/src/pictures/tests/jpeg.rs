@@ -170,7 +170,7 @@ fn other_kinds_are_named() {
         let message = refusal("a.jpg", &blocks.file());
         assert!(message.contains(words), "{message}");
     }
-    let labels = OpenOptions { are_labels: true, ..OpenOptions::default() };
+    let labels = OpenOptions { are_labels: Some(true), ..OpenOptions::default() };
     let message = refusal_with("a.jpg", &GRAY.file(), &labels);
     assert!(message.contains("JPEG of labels is not supported; it changes numbers"), "{message}");
     assert!(refusal("a.jpg", &[7; 99]).contains("does not start as a JPEG picture"));

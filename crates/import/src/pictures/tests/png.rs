@@ -158,7 +158,7 @@ fn palettes_are_colours_or_grays_or_labels() {
         let (_folder, source) = opened("a.png", indexed(&[9, 9, 9, 5, 5, 5, 200, 200, 200], bits, &numbers));
         assert_eq!((source.info().channels, first_channel(&*source)), (1, vec![9, 5, 200, 200, 5, 9]));
         assert!(said(&source.info().notes).contains("its grays are read, not the indices"));
-        let labels = OpenOptions { are_labels: true, ..OpenOptions::default() };
+        let labels = OpenOptions { are_labels: Some(true), ..OpenOptions::default() };
         // Optimizers shrink each picture to the bits it needs.
         let other = indexed(&coloured, 8, &numbers);
         let files = [("p1.png", indexed(&coloured, bits, &numbers)), ("p2.png", other)];

@@ -69,6 +69,7 @@ fn source_info() -> impl Strategy<Value = SourceInfo> {
                 time,
                 nodata,
                 knows_nodata: false,
+                kind: SaidKind::Unsaid,
                 identity,
                 notes,
             }
