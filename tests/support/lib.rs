@@ -60,6 +60,7 @@ impl<T: Voxel, F: Fn(u32, u32, [u32; 3]) -> T + Send + Sync> FunctionSource<T, F
             calibrated: true,
             says_origin: false,
             turned: [false; 3],
+            flip: None,
             orientation: None,
             channel_looks: Vec::new(),
             time: None,

@@ -26,11 +26,12 @@ const ALIKE: &str = "allow_lossy aprons axes channel_bytes channels codec compon
     time_step time_unit times unit value_unit variable";
 
 /// The library's other options, with the command's flags for them.
-const RENAMED: [(&str, &str); 7] = [
+const RENAMED: [(&str, &str); 8] = [
     ("edge", "--brick"),
     ("scratch_dir", "--scratch"),
     ("shard_edge", "--shard"),
     ("shard_times", "--shard-time"),
+    ("stamp", "--time"),
     ("threads", "-j"),
     ("to_voxel_type", "--to-dtype"),
     ("voxel_type", "--dtype"),
@@ -156,17 +157,18 @@ mod tests {
     use super::*;
     use clap::CommandFactory;
 
-    /// Options named in messages must be flags of `pack`, where they are given.
+    /// Options named in messages must be flags of `pack`, or of `append` if these are its own.
     #[test]
     fn the_flags_that_messages_name_are_there() {
         let command = crate::Arguments::command();
-        let pack = command.find_subcommand("pack").expect("a subcommand");
+        let name = |option: &str| if option == "`stamp`" { "append" } else { "pack" };
         for (option, flag) in flags() {
             let is_it = |argument: &clap::Arg| match flag.strip_prefix("--") {
                 Some(long) => argument.get_long() == Some(long),
                 None => argument.get_short() == flag.chars().nth(1),
             };
-            assert!(pack.get_arguments().any(is_it), "{option}: pack has no {flag}");
+            let command = command.find_subcommand(name(&option)).expect("a subcommand");
+            assert!(command.get_arguments().any(is_it), "{option}: {} has no {flag}", name(&option));
             assert_eq!(with_flags(&format!("pass {option} 3")), format!("pass {flag} 3"));
         }
     }

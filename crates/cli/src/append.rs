@@ -123,7 +123,7 @@ fn are_labels(store: Option<&Store>, settings: &StoreSettings) -> Option<bool> {
 }
 
 fn held_as(store: Option<&Store>) -> Option<HeldAs> {
-    store.map(|store| HeldAs { voxel_type: store.voxel_type(), nodata: nodata_of(store) })
+    store.map(|store| HeldAs { voxel_type: store.voxel_type(), nodata: nodata_of(store), turned: store.info().turned })
 }
 
 /// The value of a store's voxels without data, if there is one.

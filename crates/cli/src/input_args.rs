@@ -89,8 +89,9 @@ pub(crate) struct InputArguments {
     #[arg(help_heading = heading::INPUT, long, value_name = "x0:x1,y0:y1,z0:z1", value_parser = values::voxel_box)]
     roi: Option<VoxelBox>,
     /// Axes along which to reverse the voxels' order: the object is mirrored in its place; with an orientation (NIfTI,
-    /// DICOM) each voxel keeps its place in the patient instead [default: none]
-    #[arg(help_heading = heading::INPUT, long, value_name = "AXIS[,AXIS]", value_parser = values::flip)]
+    /// DICOM) each voxel keeps its place in the patient instead. none appends a file as it is to a store packed with a
+    /// flip [default: none]
+    #[arg(help_heading = heading::INPUT, long, value_name = "AXIS[,AXIS]|none", value_parser = values::flip)]
     flip: Option<[bool; 3]>,
     /// Channels to take, in this order, by number (from 0) or name [default: all]
     #[arg(help_heading = heading::INPUT, long, value_name = "CHANNEL,...", value_delimiter = ',')]
@@ -147,7 +148,7 @@ impl InputArguments {
             time_stamps: self.time_stamps,
             nodata: self.nodata.unwrap_or_default(),
             roi: self.roi,
-            flip: self.flip.unwrap_or_default(),
+            flip: self.flip,
             take_channel: self.take_channel,
             take_time: self.take_time.as_ref().map(StepRange::choice),
             to_voxel_type: self.to_dtype,

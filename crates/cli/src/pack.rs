@@ -3,7 +3,7 @@
 use super::input_args::InputArguments;
 use super::pack_settings::PackSettings;
 use super::{Failure, heading, store_errors};
-use brickyard::import::{self, OpenOptions};
+use brickyard::import::{self, Described, OpenOptions};
 use clap::Args;
 use std::path::PathBuf;
 
@@ -51,12 +51,17 @@ pub(crate) fn run(mut arguments: PackArguments) -> Result<(), Failure> {
     arguments.settings.is_of_stream = stream.is_some();
     let options = OpenOptions { are_labels: arguments.settings.store.are_labels(), ..options };
     let source = import::open(&arguments.paths, &options).map_err(|error| store_errors::import_failure(&error))?;
-    if arguments.dry_run {
-        return arguments.settings.rehearse(&*source, &store, arguments.json);
+    let mut info = source.info().clone();
+    if info.times == 1 && info.time.is_none() {
+        info.notes.extend(source.step_time().left_out());
     }
-    arguments.settings.pack(&*source, &store)?;
+    let source = Described { info, source, first: 0 };
+    if arguments.dry_run {
+        return arguments.settings.rehearse(&source, &store, arguments.json);
+    }
+    arguments.settings.pack(&source, &store)?;
     if arguments.verify {
-        arguments.settings.limits.verify(&*source, &store)?;
+        arguments.settings.limits.verify(&source, &store)?;
     }
     Ok(())
 }

@@ -135,6 +135,9 @@ pub(crate) fn voxel_box(text: &str) -> Result<VoxelBox, String> {
 /// Reads axes, `x`, `y`, `z`, separated by commas.
 pub(crate) fn flip(text: &str) -> Result<[bool; 3], String> {
     let mut flip = [false; 3];
+    if text == "none" {
+        return Ok(flip);
+    }
     for letter in text.split(',').map(str::trim) {
         let axis = ["x", "y", "z"].iter().position(|axis| *axis == letter);
         let Some(axis) = axis.filter(|axis| !flip[*axis]) else {
@@ -323,8 +326,8 @@ mod tests {
     #[test]
     fn flipped_axes_are_named_once() {
         assert_eq!(
-            [flip("x"), flip("z,x"), flip("x, y,z")],
-            [[true, false, false], [true, false, true], [true; 3]].map(Ok)
+            [flip("x"), flip("z,x"), flip("x, y,z"), flip("none")],
+            [[true, false, false], [true, false, true], [true; 3], [false; 3]].map(Ok)
         );
         for bad in ["", "w", "x,x", "xy", "0", "X"] {
             assert!(flip(bad).unwrap_err().contains("x, y, z"), "{bad}");

@@ -110,7 +110,7 @@ fn roi() -> OpenOptions {
 
 fn all_together() -> OpenOptions {
     OpenOptions {
-        flip: [true, false, true],
+        flip: Some([true, false, true]),
         take_channel: vec![ChannelChoice::name("red"), "0".parse().unwrap()],
         take_time: Some(StepChoice { first: 1, end: Some(6), stride: 2 }),
         to_voxel_type: Some(VoxelType::I32),
@@ -157,7 +157,8 @@ fn an_order_is_reversed_along_each_axis() {
     for axes in 0..8u32 {
         let flip = [0, 1, 2].map(|axis| axes >> axis & 1 == 1);
         for voxel_type in [VoxelType::U16, VoxelType::F32] {
-            let source = Formula::new(voxel_type).take(&OpenOptions { flip, ..OpenOptions::default() }).unwrap();
+            let source =
+                Formula::new(voxel_type).take(&OpenOptions { flip: Some(flip), ..OpenOptions::default() }).unwrap();
             let at = |axis: usize, at: u32, size: u32| if flip[axis] { size - 1 - at } else { at };
             assert_is(&*source, |[x, y, z], c, t| formula(at(0, x, 9), at(1, y, 7), at(2, z, 5), c, t));
             // A mirror image in the same place.
@@ -166,7 +167,7 @@ fn an_order_is_reversed_along_each_axis() {
     }
     // Bytes, of which an odd number is in a row.
     let small = Formula { value: |x, y, _, _, _| f64::from(x + 10 * y), ..Formula::new(VoxelType::U8) };
-    let source = small.take(&OpenOptions { flip: [true, true, false], ..OpenOptions::default() }).unwrap();
+    let source = small.take(&OpenOptions { flip: Some([true, true, false]), ..OpenOptions::default() }).unwrap();
     assert_is(&*source, |[x, y, _], _, _| f64::from(8 - x + 10 * (6 - y)));
     let beyond = VoxelBox::new([0, 0, 0], [5, 1, 1]);
     assert_eq!(source.constant_in(0, 2, beyond), Some(77.0));
@@ -212,8 +213,8 @@ fn all_adapters_work_together() {
         plain.clone(),
         roi(),
         OpenOptions { roi: Some(VoxelBox::new([2, 1, 1], [8, 6, 5])), ..plain.clone() },
-        OpenOptions { flip: [true, false, false], ..plain.clone() },
-        OpenOptions { flip: [false, true, false], ..plain.clone() },
+        OpenOptions { flip: Some([true, false, false]), ..plain.clone() },
+        OpenOptions { flip: Some([false, true, false]), ..plain.clone() },
         OpenOptions { take_channel: vec![ChannelChoice::number(0)], ..plain.clone() },
         OpenOptions { take_channel: vec![ChannelChoice::number(1)], ..plain.clone() },
         OpenOptions { take_time: Some(StepChoice { first: 0, end: Some(2), stride: 1 }), ..plain.clone() },
@@ -232,7 +233,7 @@ fn all_adapters_work_together() {
 fn planes_are_read_once() {
     for (options, planes) in [
         (roi(), 1..4),
-        (OpenOptions { flip: [true; 3], ..OpenOptions::default() }, 0..5),
+        (OpenOptions { flip: Some([true; 3]), ..OpenOptions::default() }, 0..5),
         (OpenOptions { to_voxel_type: Some(VoxelType::U32), ..OpenOptions::default() }, 0..5),
         (OpenOptions { take_time: None, take_channel: vec![ChannelChoice::number(0)], ..all_together() }, 1..4),
     ] {
@@ -354,7 +355,8 @@ fn losses_are_refused_with_their_place_or_counted() {
     assert!(told.contains(words), "{told}");
     assert_eq!(read(&*source, 2, 1, VoxelBox::new([2, 2, 1], [8, 3, 2])), [2.0, 255.0, 0.0, 2.0, 4.0, 255.0]);
     // Places are the input's, whatever is taken and turned; and other parts lose nothing.
-    let part = OpenOptions { flip: [true; 3], take_time: Some(StepChoice { first: 2, end: None, stride: 1 }), ..roi() };
+    let part =
+        OpenOptions { flip: Some([true; 3]), take_time: Some(StepChoice { first: 2, end: None, stride: 1 }), ..roi() };
     let message = Formula::of(value).take(&OpenOptions { to_voxel_type: Some(VoxelType::U8), ..part.clone() });
     assert!(message.err().unwrap().contains("voxel 3,2,1, channel 1, time step 2"));
     let elsewhere = OpenOptions { take_channel: vec![ChannelChoice::number(0)], ..to(VoxelType::U8) };
@@ -409,9 +411,22 @@ fn voxels_without_data_stay_so() {
     let message = with(Some(-9.0), true).take(&lossy(VoxelType::I16)).err().unwrap();
     assert!(message.contains("-9 (voxel 2,0,0") && message.contains("beside"), "{message}");
     // Of the steps before.
-    let held_as = Some(HeldAs { voxel_type: VoxelType::I16, nodata: Some(-9.0) });
+    let held_as = Some(HeldAs { voxel_type: VoxelType::I16, nodata: Some(-9.0), turned: [false; 3] });
     let source = with(None, false).take(&OpenOptions { held_as, ..to(VoxelType::I16) }).unwrap();
     assert_eq!((row(&*source), source.info().nodata), (vec![-9.0, -9.0, -9.0, 3.0], Some(-9.0)));
+    // Which replaces the file's own where the type cannot hold that, but stands for no number beside it.
+    let held_as = Some(HeldAs { voxel_type: VoxelType::U8, nodata: Some(255.0), turned: [false; 3] });
+    let of_i16 = |value: Value| {
+        let mut source = Formula { value, ..Formula::new(VoxelType::I16) };
+        source.info.nodata = Some(-9.0);
+        source.take(&OpenOptions { held_as, ..to(VoxelType::U8) })
+    };
+    let source = of_i16(|x, _, _, _, _| [0.0, 1.0, -9.0, 254.0].get(x as usize).copied().unwrap_or(7.0)).unwrap();
+    assert_eq!((row(&*source), source.info().nodata), (vec![0.0, 1.0, 255.0, 254.0], Some(255.0)));
+    let message =
+        of_i16(|x, _, _, _, _| [0.0, 1.0, -9.0, 255.0].get(x as usize).copied().unwrap_or(7.0)).err().unwrap();
+    assert!(message.contains("255 (voxel 3,0,0") && message.contains("beside"), "{message}");
+    let held_as = Some(HeldAs { voxel_type: VoxelType::I16, nodata: Some(-9.0), turned: [false; 3] });
     let none = OpenOptions { held_as, nodata: NoData::None, ..to(VoxelType::I16) };
     assert!(with(None, false).take(&none).is_err());
     // No lossy value becomes no data.
@@ -483,7 +498,7 @@ fn voxels_of_an_oriented_volume_keep_their_places() {
                 for origin in [None, Some(DVec3::new(-5.0, 6.0, 100.0))] {
                     let told = OpenOptions { origin, ..OpenOptions::default() };
                     let expected = places(&*opened(&told));
-                    let source = opened(&OpenOptions { flip, roi, ..told });
+                    let source = opened(&OpenOptions { flip: Some(flip), roi, ..told });
                     for (found, expected) in places(&*source).iter().zip(&expected) {
                         let Some(found) = found else { continue };
                         assert!((*found - expected.unwrap()).length() < 1e-4, "{flip:?} {roi:?}: {found} {expected:?}");
@@ -493,7 +508,7 @@ fn voxels_of_an_oriented_volume_keep_their_places() {
             }
         }
         // The first voxel is another one, and LPS turned about two axes is upright.
-        let turned = opened(&OpenOptions { flip: [true, true, false], ..OpenOptions::default() });
+        let turned = opened(&OpenOptions { flip: Some([true, true, false]), ..OpenOptions::default() });
         let orientation: Orientation = turned.info().orientation.unwrap();
         assert_eq!(orientation.is_upright(), rows == lps);
         assert!((orientation.first_centre() - whole[11].unwrap()).length() < 1e-5);
@@ -517,7 +532,7 @@ proptest! {
         let (low, high) = (corners.map(|c| c.0), corners.map(|c| c.1));
         let options = OpenOptions {
             roi: Some(VoxelBox::new(low, high)),
-            flip,
+            flip: Some(flip),
             take_channel: channels.iter().map(|n| ChannelChoice::number(*n)).collect(),
             take_time: Some(StepChoice { first: steps.0, end: steps.1, stride: steps.2 }),
             to_voxel_type: to_type.map(|i| VoxelType::ALL[i]),

@@ -239,6 +239,6 @@ impl<'a> Header<'a> {
         let Some(text) = self.value("TIME") else { return Ok(StepTime::default()) };
         let number = text.parse().ok().filter(|n: &f64| n.is_finite());
         let number = number.ok_or_else(|| self.wrong("TIME", text, "a number"))?;
-        Ok(StepTime { stamp: Some(TimeSpan { number, unit: None }), ..StepTime::default() })
+        Ok(StepTime { stamp: Some(TimeSpan { number, unit: None, since: None }), ..StepTime::default() })
     }
 }

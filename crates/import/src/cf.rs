@@ -15,6 +15,9 @@ use brickyard_volume::numbers::exact;
 /// The fill value of NetCDF's floats, which says that nothing was written.
 const NC_FILL_FLOAT: f64 = 9.969_209_968_386_869e36;
 
+/// Greatest whole number up to which f64 tells all apart.
+const MOST_EXACT: f64 = 9_007_199_254_740_992.0;
+
 /// Attributes whose words are names of a variable's helpers: its bounds, coordinates and the like.
 const HELPERS: [&str; 5] = ["bounds", "climatology", "coordinates", "ancillary_variables", "grid_mapping"];
 
@@ -89,9 +92,21 @@ struct Absent {
 }
 
 impl Values {
-    /// Decodes 64-bit numbers to the voxel type asked for. In an integer type, no data keeps its value.
+    /// Decodes 64-bit numbers to the voxel type asked for. In an integer type, no data keeps its value, or gets that of the steps before if
+    /// the type does not hold it.
     pub(crate) fn direct(mut self, options: &OpenOptions) -> Self {
         self.decode = direct(self.decode, self.absent.as_ref().map(|absent| absent.value), options);
+        let held = options.held_as.and_then(|held| held.nodata).filter(|_| options.nodata == NoData::OfFile);
+        let is_wide = matches!(self.decode.element, Element::I64 | Element::U64 | Element::F64);
+        if let (Some(scale), Some(absent), Some(held)) = (&mut self.decode.scale, &mut self.absent, held)
+            && is_wide
+            && !scale.to.is_float()
+            && !scale.to.holds(absent.value)
+            && scale.to.holds(held)
+            && absent.stored.abs() <= MOST_EXACT
+        {
+            (scale.absent, scale.nodata, absent.value) = (Some(absent.stored), Some(held), held);
+        }
         self
     }
 
@@ -103,7 +118,7 @@ impl Values {
         }
         match &self.absent {
             // Their value is NaN already. Files of one variable are packed by scales of their own, so its value would differ in each.
-            Some(Absent { stored, name, .. }) if self.decode.scale.is_some_and(|scale| scale.absent.is_some()) => {
+            Some(Absent { stored, name, .. }) if self.decode.scale.is_some_and(|scale| scale.makes_nan()) => {
                 info.knows_nodata = true;
                 info.notes.push(Note::new(format!(
                     "Voxels stored as {} hold no data, according to the file ({name}): they become NaN.",

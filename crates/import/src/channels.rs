@@ -1,5 +1,5 @@
 //! Several sources as the channels of one: variables of a file, or files, each under its name, on one grid at the same times. Boxes pass through as
-//! they are, or converted to one voxel type; costs nothing besides the sources, all of which stay open.
+//! they are, or converted to one voxel type and one mark for no data; costs nothing besides the sources, all of which stay open.
 
 mod one_type;
 #[cfg(test)]
@@ -12,6 +12,7 @@ use crate::note::Note;
 use crate::options::OpenOptions;
 use crate::series::Remarks;
 use crate::source::{Access, Source, SourceInfo, Take};
+use crate::step_time::StepTime;
 use brickyard_volume::{ChannelLook, Extent, Geometry, VoxelBox, counted};
 use std::collections::HashSet;
 use std::path::PathBuf;
@@ -43,7 +44,8 @@ struct Placed {
 }
 
 impl Channels {
-    /// Joins sources, those of several voxel types converted to one.
+    /// Joins sources, those of several voxel types converted to one. In floats, voxels without data have no common value unless the sources
+    /// have one: all are NaN.
     ///
     /// # Errors
     /// If there are none, two have one name, they differ in extent, times, place or value for no data, or no voxel type holds the values of all.
@@ -52,11 +54,15 @@ impl Channels {
         let kind = SaidKind::of_all(kinds, options.are_labels.is_some())?;
         let mut parts = turned_alike(parts, options)?;
         let mut info = described(&parts)?;
-        if one_type::are_unlike(&parts) {
+        let are_marked_alike = one_type::are_marked_alike(&parts);
+        if one_type::are_unlike(&parts) || !are_marked_alike {
             parts = one_type::in_one_type(parts, &info, options)?;
             info = described(&parts)?;
         }
         info.kind = kind;
+        if !are_marked_alike {
+            (info.nodata, info.knows_nodata) = (None, true);
+        }
         let mut first = 0;
         let placed = parts.into_iter().map(|NamedArray { source, .. }| {
             let channels = source.info().channels;
@@ -103,6 +109,14 @@ impl Source for Channels {
         self.sum(|source| source.scratch_bytes())
     }
 
+    /// The time of those that say one, if it is one time.
+    fn step_time(&self) -> StepTime {
+        let mut said =
+            self.parts.iter().map(|part| part.source.step_time()).filter(|time| *time != StepTime::default());
+        let first = said.next().unwrap_or_default();
+        if said.all(|time| time == first) { first } else { StepTime::default() }
+    }
+
     fn read_box(&self, time: u32, channel: u32, region: VoxelBox, out: &mut [u8]) -> Result<(), ImportError> {
         self.info.check_box(time, channel, region, out);
         let (source, own) = self.part(channel);
@@ -141,8 +155,8 @@ fn turned_alike(parts: Vec<NamedArray>, options: &OpenOptions) -> Result<Vec<Nam
         );
         return Err(ImportError::options(&other.path, problem));
     }
-    let placeless = parts.iter().find(|part| !has_place(part.source.info()));
-    let other = parts.iter().find(|part| has_place(part.source.info()) && is_other(part));
+    let placeless = parts.iter().find(|part| !part.source.info().has_place());
+    let other = parts.iter().find(|part| part.source.info().has_place() && is_other(part));
     if let (Some(placeless), Some(other)) = (placeless, other) {
         let problem = format!(
             "it has no place of its own, and the axes of {shown} and {} run in unlike orders in their files: its own is not known; pack it by itself",
@@ -150,7 +164,8 @@ fn turned_alike(parts: Vec<NamedArray>, options: &OpenOptions) -> Result<Vec<Nam
         );
         return Err(ImportError::options(&placeless.path, problem));
     }
-    let turn = |part: NamedArray| match has_place(part.source.info()) {
+    // One appended to a store may be turned as its steps before already.
+    let turn = |part: NamedArray| match part.source.info().has_place() || part.source.info().turned == turned {
         true => part,
         false => NamedArray { source: Mirrored::turned(part.source, turned), ..part },
     };
@@ -170,12 +185,12 @@ fn described(parts: &[NamedArray]) -> Result<SourceInfo> {
     let mut info = first.source.info().clone();
     (info.channels, info.channel_looks, info.notes, info.identity) = (0, Vec::new(), Vec::new(), "channels".into());
     let mut remarks = Remarks::default();
-    let placed = parts.iter().find(|part| has_place(part.source.info()));
+    let placed = parts.iter().find(|part| part.source.info().has_place());
     let timed = parts.iter().find(|part| part.source.info().time.is_some());
     for part in parts {
         let own = part.source.info();
         check_alike(part, first)?;
-        if let Some(placed) = placed.filter(|_| has_place(own)) {
+        if let Some(placed) = placed.filter(|_| own.has_place()) {
             check_place(part, placed)?;
         } else if let Some(placed) = placed {
             let (name, other) = (&part.name, &placed.name);
@@ -231,13 +246,6 @@ fn shown(part: &NamedArray) -> String {
     format!("{} ({})", part.name, part.path.display())
 }
 
-/// Whether a source says where its voxels are.
-fn has_place(info: &SourceInfo) -> bool {
-    let Geometry { spacing, origin, .. } = Geometry::default();
-    let differs = info.geometry.spacing != spacing || info.geometry.origin != origin;
-    info.calibrated || info.says_origin || info.orientation.is_some() || differs
-}
-
 /// Checks the properties shared by all channels of a volume.
 fn check_alike(part: &NamedArray, first: &NamedArray) -> Result<()> {
     let (own, other) = (part.source.info(), first.source.info());
@@ -255,14 +263,6 @@ fn check_alike(part: &NamedArray, first: &NamedArray) -> Result<()> {
     if own.times != other.times {
         let [own, other] = [own, other].map(|info| counted(info.times.into(), "time step"));
         return differs("the length", own, other, "pack the steps that both have");
-    }
-    if (own.nodata, own.knows_nodata) != (other.nodata, other.knows_nodata) {
-        let value = |info: &SourceInfo| match (info.nodata, info.knows_nodata) {
-            (Some(value), _) => value.to_string(),
-            (None, true) => "marked voxel by voxel".into(),
-            (None, false) => "none".into(),
-        };
-        return differs("the value for no data", value(own), value(other), "give one for all with `nodata`, or none");
     }
     Ok(())
 }

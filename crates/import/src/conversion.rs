@@ -46,18 +46,21 @@ pub(crate) struct Conversion {
 }
 
 impl Conversion {
-    /// Finds the rules for a source's voxels. `Err` is its value for no data, which the new type cannot hold.
+    /// Finds the rules for a source's voxels. `Err` is its value for no data, which the new type cannot hold; in a step, it becomes that of
+    /// the steps before.
     pub(crate) fn new(info: &SourceInfo, to: VoxelType, options: &OpenOptions) -> Result<Self, f64> {
         let (from, own) = (info.voxel_type, info.nodata);
-        if let Some(own) = own.filter(|own| !to.is_float() && !to.holds(*own)) {
-            return Err(own);
-        }
         // The value of the steps before holds here, too.
         let held = options
             .held_as
             .and_then(|held| held.nodata)
             .filter(|held| options.nodata == NoData::OfFile && to.holds(*held));
-        let marker = own.or(held);
+        let is_held = |own: &f64| to.is_float() || to.holds(*own);
+        let marker = own.filter(is_held).or(held);
+        if let (Some(own), None) = (own, marker) {
+            return Err(own);
+        }
+        let is_replaced = own.is_some() && own != marker;
         let sought = match (own, info.knows_nodata) {
             (Some(own), knows) => Some(own).filter(|_| !(knows && from.is_float())),
             (None, true) => None,
@@ -70,7 +73,7 @@ impl Conversion {
             sought,
             // Floats mark voxels by NaN, so their numbers may equal the input's own value.
             reserved: if to.is_float() && own.is_some() { None } else { marker },
-            guards_equal: from.is_float() && info.knows_nodata,
+            guards_equal: from.is_float() && info.knows_nodata || is_replaced,
         })
     }
 

@@ -11,7 +11,7 @@ use crate::options::OpenOptions;
 use crate::part::Part;
 use crate::source::{Access, Source, SourceInfo};
 use brickyard_volume::numbers::exact;
-use brickyard_volume::{VoxelBox, VoxelType};
+use brickyard_volume::{Extent, VoxelBox, VoxelType};
 use std::path::{Path, PathBuf};
 
 /// Most bytes of a piece, except of planes that are decoded as a whole.
@@ -74,15 +74,11 @@ impl Converted {
         if to.is_float() {
             info.nodata = info.nodata.map(|nodata| f64::from(nodata as f32));
             info.knows_nodata |= info.nodata.is_some();
-        } else if from.is_float() {
+        } else if from.is_float() || info.nodata.is_some() {
             info.nodata = conversion.marker;
             info.knows_nodata &= conversion.marker.is_none();
         }
-        let (least, most) = to.limits();
-        for look in &mut info.channel_looks {
-            let within = look.window.map(|window| window.map(|end| end.clamp(least, most)));
-            look.window = within.filter(|[low, high]| low < high);
-        }
+        clamp_windows(&mut info, to);
         let are_labels = options.take_labels(whole.kind);
         let (lossy, path) = (options.allow_lossy && !are_labels, path.to_owned());
         let mut converted = Self { source, info, conversion, lossy, are_labels, path };
@@ -201,6 +197,24 @@ impl Lost {
     }
 }
 
+/// Keeps the windows of channels within a type.
+pub(crate) fn clamp_windows(info: &mut SourceInfo, to: VoxelType) {
+    let (least, most) = to.limits();
+    for look in &mut info.channel_looks {
+        let within = look.window.map(|window| window.map(|end| end.clamp(least, most)));
+        look.window = within.filter(|[low, high]| low < high);
+    }
+}
+
+/// Most bytes of a piece of a volume of voxels of `from` bytes each.
+pub(crate) fn piece_bytes(access: Access, extent: Extent, from: u64) -> u64 {
+    let plane = match access {
+        Access::Planes => u64::from(extent.x) * u64::from(extent.y) * from,
+        Access::Box => 0,
+    };
+    plane.max(extent.volume().saturating_mul(from).min(PIECE_BYTES))
+}
+
 /// The voxel of this number in a box, x fastest.
 fn voxel_of(region: VoxelBox, i: usize) -> [u32; 3] {
     let [x, y, _] = region.extent().to_array().map(|n| n as usize);
@@ -219,14 +233,8 @@ impl Source for Converted {
     }
 
     fn reader_bytes(&self) -> u64 {
-        let extent = self.info.extent;
-        let from = self.conversion.from.bytes() as u64;
-        let plane = match self.access() {
-            Access::Planes => u64::from(extent.x) * u64::from(extent.y) * from,
-            Access::Box => 0,
-        };
-        let piece = extent.volume().saturating_mul(from).min(PIECE_BYTES);
-        self.source.reader_bytes().saturating_add(plane.max(piece))
+        let bytes = piece_bytes(self.access(), self.info.extent, self.conversion.from.bytes() as u64);
+        self.source.reader_bytes().saturating_add(bytes)
     }
 
     fn read_box(&self, time: u32, channel: u32, region: VoxelBox, out: &mut [u8]) -> Result<(), ImportError> {

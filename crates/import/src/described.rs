@@ -2,6 +2,7 @@
 
 use crate::error::ImportError;
 use crate::source::{Access, Source, SourceInfo, Take};
+use crate::step_time::StepTime;
 use brickyard_volume::VoxelBox;
 use std::ops::Deref;
 
@@ -22,6 +23,10 @@ impl<S: Deref<Target: Source> + Send + Sync> Source for Described<S> {
 
     fn access(&self) -> Access {
         self.source.access()
+    }
+
+    fn step_time(&self) -> StepTime {
+        self.source.step_time()
     }
 
     fn reader_bytes(&self) -> u64 {

@@ -16,7 +16,9 @@ pub(crate) fn direct(decode: Decode, nodata: Option<f64>, options: &OpenOptions)
     }
     let scale = decode.scale.unwrap_or(Scale::new(1.0, 0.0, to));
     let nodata = told_nodata(nodata.or(scale.nodata), options);
-    Decode { scale: Some(Scale { to, nodata, absent: None, ..scale }), ..decode }
+    // A stored number that becomes the value for no data of the steps before does so in integers only.
+    let absent = scale.absent.filter(|_| !to.is_float() && !scale.to.is_float());
+    Decode { scale: Some(Scale { to, nodata, absent, ..scale }), ..decode }
 }
 
 /// Whether numbers are read as the voxels that their format describes.
@@ -117,7 +119,7 @@ mod tests {
         );
         let marked = |nodata| OpenOptions { nodata: NoData::Value(nodata), ..to(VoxelType::U8) };
         assert_eq!(opened(&floats, &marked(9.0)).unwrap().0, [9.0, 9.0, 3.0]);
-        let held_as = Some(HeldAs { voxel_type: VoxelType::U8, nodata: Some(9.0) });
+        let held_as = Some(HeldAs { voxel_type: VoxelType::U8, nodata: Some(9.0), turned: [false; 3] });
         assert_eq!(opened(&floats, &OpenOptions { held_as, ..to(VoxelType::U8) }).unwrap().0, [9.0, 9.0, 3.0]);
         // No other number becomes it, whatever is allowed.
         for (numbers, nodata) in [(f64s(&[3.4]), 3.0), (f64s(&[300.0]), 255.0), (i64s(&[-5]), 0.0)] {

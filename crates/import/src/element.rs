@@ -159,7 +159,7 @@ pub(crate) struct Scale {
     pub(crate) to: VoxelType,
     /// Value for no data of 64-bit numbers in an integer type, which NaN and infinities become.
     pub(crate) nodata: Option<f64>,
-    /// Stored number that becomes NaN; for values of f32 only.
+    /// Stored number that becomes NaN in f32, and the value for no data in an integer type.
     pub(crate) absent: Option<f64>,
 }
 
@@ -186,6 +186,11 @@ impl Scale {
             VoxelType::F32
         };
         ((slope, intercept) != (1.0, 0.0)).then_some(Self::new(slope, intercept, to))
+    }
+
+    /// Whether voxels without data become NaN.
+    pub(crate) fn makes_nan(&self) -> bool {
+        self.absent.is_some() && self.to.is_float()
     }
 
     /// Whether values are the stored numbers.

@@ -137,8 +137,8 @@ fn open_entry(
     info.notes = notes;
     info.notes.extend(cf::unapplied(tree, entry));
     cf::place(&mut info, tree, entry, &axes);
-    let turned = place(&mut info, &dims, &axes);
-    info.turned = turned;
+    let step_time = place(&mut info, &dims, &axes);
+    let turned = info.turned;
     let has_members = !stored.members.is_empty();
     if has_members {
         let look = |name: &String| ChannelLook { name: Some(name.clone()), ..ChannelLook::default() };
@@ -147,8 +147,8 @@ fn open_entry(
     values.describe(&mut info);
     let opening = Opening { file, info, axes, decode: values.decode, has_members };
     let source: Box<dyn Source> = match elements_of(file, &entry.set, stored, what, 0)? {
-        Elements::Piece(start) => Box::new(opening.piece(start, what, options)?),
-        Elements::Chunks(chunks) => Box::new(opening.chunks(vec![chunks], options)?),
+        Elements::Piece(start) => Box::new(opening.piece(start, what, options)?.at(step_time)),
+        Elements::Chunks(chunks) => Box::new(opening.chunks(vec![chunks], options)?.at(step_time)),
     };
     Ok(Mirrored::turned(source, turned))
 }

@@ -155,7 +155,7 @@ mod tests {
         for options in [
             plain(),
             OpenOptions { roi, ..plain() },
-            OpenOptions { flip: [true; 3], ..plain() },
+            OpenOptions { flip: Some([true; 3]), ..plain() },
             OpenOptions { take_channel, ..plain() },
             OpenOptions { to_voxel_type: Some(VoxelType::I32), ..plain() },
         ] {

@@ -140,6 +140,7 @@ pub use format::has_known_name;
 pub use labels::SaidKind;
 #[cfg(feature = "mesh")]
 pub use mesh::read_mesh;
+pub use mirrored::axes_in_words;
 pub use note::Note;
 pub use open::{check_folder, open, order_steps};
 pub use options::{ArrayPlace, ChannelArray, FileOrder, Gaps, HeldAs, NoData, OpenOptions};

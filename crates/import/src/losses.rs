@@ -213,8 +213,10 @@ impl<'a> Losses<'a> {
         }
         let whole = value.round_ties_even();
         let held = whole.clamp(least, greatest);
+        // Beside a mark of the file's own, the value for no data of the steps before is a number.
+        let is_mark = is_exact && self.decode.scale.is_none_or(|scale| scale.absent.is_none());
         match self.nodata {
-            Some(nodata) if value == nodata && held == nodata && is_exact => Ok(Fate::Kept),
+            Some(nodata) if value == nodata && held == nodata && is_mark => Ok(Fate::Kept),
             Some(nodata) if value == nodata || held == nodata => Err(self.beside_nodata(number, nodata)),
             _ if held == value && is_exact => Ok(Fate::Kept),
             _ if held == whole => Ok(Fate::Rounded),
@@ -384,7 +386,7 @@ mod tests {
         }
         // The no-data value of the steps before holds here, and no number becomes it.
         let before = |voxel_type, nodata| OpenOptions {
-            held_as: Some(HeldAs { voxel_type, nodata: Some(nodata) }),
+            held_as: Some(HeldAs { voxel_type, nodata: Some(nodata), turned: [false; 3] }),
             ..lossy.clone()
         };
         let of_integers = before(VoxelType::I32, i32::MAX.into());
@@ -431,7 +433,7 @@ mod tests {
         let again = OpenOptions { is_looked_at: true, ..labels(false) };
         assert!(census_with(Element::I64, None, &great, &again).unwrap().contains("held as u32"), "seen anew");
         // A store's later steps are held like the first.
-        let held_as = Some(HeldAs { voxel_type: VoxelType::U32, nodata: None });
+        let held_as = Some(HeldAs { voxel_type: VoxelType::U32, nodata: None, turned: [false; 3] });
         let step = OpenOptions { held_as, ..labels(false) };
         assert!(census_with(Element::I64, None, &i64s(&[3]), &step).unwrap().contains("held as u32"));
         for labels_of in [[-1, 1 << 31], [1 << 31, -1], [0, 1 << 32]] {

@@ -31,6 +31,7 @@ impl Mirrored {
             info.reorient(DVec3::from_array(sign), DVec3::from_array(first))?;
         }
         info.identity = format!("{}, flip {flip:?}", info.identity);
+        info.flip = Some(flip);
         Ok(Self { source, info, flip })
     }
 
@@ -96,6 +97,12 @@ impl Source for Mirrored {
     fn constant_in(&self, time: u32, channel: u32, region: VoxelBox) -> Option<f64> {
         self.source.constant_in(time, channel, self.in_other(region))
     }
+}
+
+/// Letters of the axes that are reversed, as `flip` takes them.
+pub fn axes_in_words(flip: [bool; 3]) -> String {
+    let letters = ["x", "y", "z"].into_iter().zip(flip).filter(|(_, is_reversed)| *is_reversed);
+    letters.map(|(letter, _)| letter).collect::<Vec<_>>().join(",")
 }
 
 /// Reverses the order of pieces of `piece_bytes` bytes.

@@ -83,10 +83,10 @@ fn open_in(path: &Path, file: &MappedFile, options: &OpenOptions) -> Result<Box<
     }
     let mut info = opening.info(path)?;
     info.notes = notes;
-    let turned = place(&mut info, &dims, &opening.axes);
-    info.turned = turned;
+    let step_time = place(&mut info, &dims, &opening.axes);
     values.describe(&mut info);
-    Ok(Mirrored::turned(Box::new(opening.source(path, info)?), turned))
+    let turned = info.turned;
+    Ok(Mirrored::turned(Box::new(opening.source(path, info)?.at(step_time)), turned))
 }
 
 /// A variable about to be opened.

@@ -416,7 +416,7 @@ mod tests {
     fn the_fourth_axis_has_the_headers_times() {
         let axis = |start, step, unit: &str| {
             let unit = (!unit.is_empty()).then(|| unit.to_owned());
-            Some(brickyard_volume::TimeAxis { start, step, stamps: Vec::new(), unit })
+            Some(brickyard_volume::TimeAxis { start, step, unit, ..Default::default() })
         };
         for (time, units, times, expected, notes) in [
             ([2.2, 0.5], 8, 3, axis(0.5, 2.2, "second"), 0),

@@ -11,6 +11,7 @@ use crate::folder::files_of;
 use crate::format::Format;
 use crate::format_of::{READ, format_of};
 use crate::grids::{Grid, GridList, Grids};
+use crate::mirrored::{Mirrored, axes_in_words};
 use crate::note::Note;
 use crate::options::{FileOrder, Gaps, NoData, OpenOptions};
 use crate::pattern;
@@ -190,6 +191,7 @@ fn overridden(
     path: &Path,
     options: &OpenOptions,
 ) -> Result<Box<dyn Source>> {
+    let source = turned_as_before(source, path, options)?;
     let mut info = source.info().clone();
     info.notes.extend(order_note.map(Note::new));
     options.override_place(&mut info, path)?;
@@ -207,6 +209,33 @@ fn told(source: Box<dyn Source>, options: &OpenOptions) -> Box<dyn Source> {
     let mut seen = HashSet::new();
     info.notes.retain(|note| seen.insert(note.to_string()) || note.changed() > 0);
     Box::new(Described { info, source, first: 0 })
+}
+
+/// Turns voxels without a place of their own as those of the steps before, from which they take it: voxels of one number in their files lie
+/// in one place, as in channels joined.
+///
+/// # Errors
+/// If the caller gives them a place: in which order they are meant is not known.
+fn turned_as_before(source: Box<dyn Source>, path: &Path, options: &OpenOptions) -> Result<Box<dyn Source>> {
+    let turned = options.held_as.map_or([false; 3], |held| held.turned);
+    let own = source.info();
+    if own.turned == turned || own.has_place() {
+        return Ok(source);
+    }
+    let axes = axes_in_words(turned);
+    if options.spacing.is_some() || options.origin.is_some() {
+        let problem = format!(
+            "its voxels come in the file's order, but those of the steps before turned round along {axes}, as their coordinates \
+             descend: leave the place to the store, without `spacing` and `origin`"
+        );
+        return Err(ImportError::options(path, problem));
+    }
+    let mut info = SourceInfo { turned, ..own.clone() };
+    info.notes.push(Note::new(format!(
+        "The voxels have no place of their own: they take that of the steps before, and are turned round along {axes} as those are; \
+         `flip` {axes} keeps the file's order."
+    )));
+    Ok(Box::new(Described { info, source: Mirrored::turned(source, turned), first: 0 }))
 }
 
 /// Checks that a folder can be opened: it holds files of one format. Costs a read of the first bytes of each file.

@@ -38,6 +38,8 @@ pub struct HeldAs {
     pub voxel_type: VoxelType,
     /// The value of voxels without data, if any.
     pub nodata: Option<f64>,
+    /// Axes along which they come in the reverse order of their files', as [`SourceInfo::turned`].
+    pub turned: [bool; 3],
 }
 
 /// Which voxels of an input hold no data.
@@ -128,8 +130,8 @@ pub struct OpenOptions {
     /// Box to take, in voxels of the input; `None` takes all. It keeps its place in the world.
     pub roi: Option<VoxelBox>,
     /// Whether voxels are put in reverse order along x, y, z. A volume with an orientation keeps every voxel's place in the patient; others are
-    /// mirrored in their place.
-    pub flip: [bool; 3],
+    /// mirrored in their place. `None` leaves them as they are, like no axis; to a store packed with a flip, no step is appended so.
+    pub flip: Option<[bool; 3]>,
     /// Channels to take, in this order; all if empty.
     pub take_channel: Vec<ChannelChoice>,
     /// Time steps to take, with their times; `None` takes all.
@@ -162,7 +164,7 @@ impl OpenOptions {
             Setting::Spacing => self.spacing.is_some(),
             Setting::Origin => self.origin.is_some(),
             Setting::Place => self.spacing.is_some() && self.origin.is_some(),
-            Setting::Flip(axis) => self.flip.get(axis) == Some(&true),
+            Setting::Flip(axis) => self.flip.is_some_and(|flip| flip.get(axis) == Some(&true)),
             Setting::Unit => self.unit.is_some(),
             Setting::ValueUnit => self.value_unit.is_some(),
             Setting::Times => self.time_step.is_some() || self.time_stamps.is_some(),

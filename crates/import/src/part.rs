@@ -9,6 +9,7 @@ use brickyard_volume::{VoxelBox, counted};
 use std::path::Path;
 
 /// The voxels, channels and steps of an input to take, all of which it has.
+#[derive(Clone)]
 pub(crate) struct Part {
     pub(crate) region: VoxelBox,
     pub(crate) channels: Vec<u32>,

@@ -41,7 +41,7 @@ impl Picked {
 fn picked_times(axis: &TimeAxis, part: &Part) -> Result<TimeAxis, TimeProblem> {
     if !axis.stamps.is_empty() {
         let stamps = (0..part.steps).map(|step| axis.at(part.step(step))).collect();
-        return TimeAxis::of_stamps(stamps, axis.unit.clone());
+        return Ok(TimeAxis { since: axis.since.clone(), ..TimeAxis::of_stamps(stamps, axis.unit.clone())? });
     }
     let start = axis.at(part.first_step);
     let picked = TimeAxis { start, step: axis.step * f64::from(part.stride), ..axis.clone() };

@@ -4,17 +4,22 @@
 //! reopened file must be unchanged. So neither descriptors, maps nor scratch space grow with the number of steps. Steps are mostly read in
 //! sequence; jumping between more than the open ones costs an opening each time, which inflates compressed files.
 
+mod one_type;
 #[cfg(test)]
 mod tests;
 
+use crate::converted;
 use crate::error::{ImportError, Result};
 use crate::labels::SaidKind;
+use crate::mirrored::axes_in_words;
 use crate::note::Note;
 use crate::options::OpenOptions;
+use crate::part::Part;
 use crate::source::{Access, Source, SourceInfo, Take};
 use crate::stamp::Stamp;
 use crate::step_time::StepTime;
 use brickyard_volume::{ChannelLook, Geometry, VoxelBox, counted};
+use one_type::Encoding;
 use std::fmt::Display;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -53,20 +58,30 @@ impl StepFile {
 /// Opens a step's file.
 type Open = dyn Fn(&Path) -> Result<Box<dyn Source>> + Send + Sync;
 
-/// A time series: files of one time step each, with the same extent, voxel type, channels and spacing.
+/// A time series: files of one time step each, with the same extent, channels and spacing, converted to one voxel type.
 pub(crate) struct Series {
     /// Description of all steps.
     all: StepFile,
     steps: Vec<Step>,
     open: Box<Open>,
+    /// The conversion of all steps, if they are encoded in several ways.
+    conversion: Option<Conversion>,
     /// The steps read last, at most [`OPEN_STEPS`], the latest at the end.
     recent: Mutex<Vec<Recent>>,
+}
+
+/// A conversion of steps looked through before.
+struct Conversion {
+    to: Encoding,
+    options: OpenOptions,
 }
 
 /// A step's file, and its state when the series was opened.
 struct Step {
     path: PathBuf,
     stamp: Stamp,
+    /// Its voxels as the file has them.
+    encoding: Encoding,
     /// Range of the step's own identity in the series'.
     identity: Range<usize>,
 }
@@ -83,7 +98,7 @@ impl Series {
     /// reading.
     ///
     /// # Errors
-    /// If a file cannot be read, has several time steps or differs from the first.
+    /// If a file cannot be read, has several time steps or differs from the first, in a voxel type or mark that cannot become one.
     pub(crate) fn new(
         paths: &[PathBuf],
         options: &OpenOptions,
@@ -91,6 +106,7 @@ impl Series {
         open: Box<Open>,
     ) -> Result<Self> {
         let mut all: Option<StepFile> = None;
+        let mut has_first_place = false;
         let mut named: Option<(Vec<ChannelLook>, &Path)> = None;
         let mut measured: Option<(Vec<ChannelLook>, &Path)> = None;
         let (mut identity, mut remarks) = (String::new(), Remarks::default());
@@ -102,9 +118,14 @@ impl Series {
             // The findings, or an error, hold only for a file with this stamp.
             stamp.check(path)?;
             let mut file = found?;
+            let has_place = file.info.has_place();
             // Values given by the user for all files are not compared.
             options.override_place(&mut file.info, path)?;
             let first = &all.as_ref().unwrap_or(&file).info;
+            if !(has_place && has_first_place) {
+                check_order(&file.info, path, first, &paths[0])?;
+            }
+            has_first_place |= all.is_none() && has_place;
             check_alike(&file.info, path, first, paths)?;
             if options.unit.is_none() {
                 check_unit(&file.info, path, first, &paths[0])?;
@@ -123,7 +144,8 @@ impl Series {
             }
             let start = identity.len();
             identity += &file.info.identity;
-            steps.push(Step { path: path.clone(), stamp, identity: start..identity.len() });
+            let encoding = Encoding::of(&file.info, options);
+            steps.push(Step { path: path.clone(), stamp, encoding, identity: start..identity.len() });
             identity += "\n";
             remarks.add(&file.info.notes, path.display());
             kinds.push((path.as_path(), file.info.kind));
@@ -139,8 +161,24 @@ impl Series {
         };
         let is_told = options.time_step.is_some() || options.time_stamps.is_some();
         let (time, note) = if is_told { (None, None) } else { StepTime::axis(&step_times) };
+        let encodings: Vec<Encoding> = steps.iter().map(|step| step.encoding).collect();
+        let to = Encoding::of_all(&encodings, paths, options)?;
+        if let Some(to) = to {
+            // Others may be chosen for other steps.
+            identity += &format!("as {}\n", to.voxel_type);
+            let looked = Self::look_through(&steps, to, &all, &open, options)?;
+            looked.iter().for_each(|(notes, path)| remarks.add(notes, path.display()));
+            (all.info.voxel_type, all.info.nodata, all.info.knows_nodata) = (to.voxel_type, to.nodata, to.knows_nodata);
+            converted::clamp_windows(&mut all.info, to.voxel_type);
+            all.reader_bytes = all.reader_bytes.saturating_add(converted::piece_bytes(all.access, all.info.extent, 4));
+        }
+        let conversion = to.map(|to| {
+            let options = OpenOptions { is_looked_at: true, ..options.clone() };
+            Conversion { to, options }
+        });
         let mut notes = remarks.of_all(steps.len(), "files");
         notes.extend(note);
+        notes.extend(to.map(|to| to.note(&encodings)));
         let kind = SaidKind::of_all(kinds, options.are_labels.is_some())?;
         let time = all.info.time.take().or(time);
         all.info = SourceInfo { times: steps.len() as u32, time, kind, identity, notes, ..all.info };
@@ -149,7 +187,36 @@ impl Series {
         let paths: usize = steps.iter().map(|step| step.path.as_os_str().len()).sum();
         let own_bytes = (size_of_val(&steps[..]) + paths + all.info.identity.len()) as u64;
         all.held_bytes = all.held_bytes.saturating_mul(open_steps).saturating_add(own_bytes);
-        Ok(Self { all, steps, open, recent: Mutex::default() })
+        Ok(Self { all, steps, open, conversion, recent: Mutex::default() })
+    }
+
+    /// Looks through the steps to be taken whose values may be lost. Returns the remarks on each.
+    fn look_through<'a>(
+        steps: &'a [Step],
+        to: Encoding,
+        all: &StepFile,
+        open: &Open,
+        options: &OpenOptions,
+    ) -> Result<Vec<(Vec<Note>, &'a Path)>> {
+        let info = SourceInfo { times: steps.len() as u32, ..all.info.clone() };
+        // One component of all is taken before its type is converted.
+        let take_channel = if options.component.is_none() { options.take_channel.clone() } else { Vec::new() };
+        let taken = OpenOptions { take_channel, ..options.clone() };
+        let part = Part::of(&info, &taken, &steps[0].path)?;
+        let part_of_one = Part { first_step: 0, stride: 1, steps: 1, ..part.clone() };
+        let mut looked = Vec::new();
+        for step in (0..part.steps).filter_map(|number| steps.get(part.step(number) as usize)) {
+            if !to.may_lose(step.encoding) || options.is_looked_at {
+                continue;
+            }
+            let source = open(&step.path);
+            step.stamp.check(&step.path)?;
+            let source = source?;
+            let before = source.info().notes.len();
+            let converted = to.convert(source, &part_of_one, options, &step.path)?;
+            looked.push((converted.info().notes.get(before..).unwrap_or_default().to_vec(), &*step.path));
+        }
+        Ok(looked)
     }
 
     /// Returns the source of a step, opened unless it is among the last ones.
@@ -188,13 +255,16 @@ impl Series {
         let opened = opened?;
         let (found, known) = (opened.info(), &self.all.info);
         let is_same = found.identity == self.all.info.identity[step.identity.clone()]
-            && (found.extent, found.voxel_type, found.channels) == (known.extent, known.voxel_type, known.channels)
+            && (found.extent, found.channels) == (known.extent, known.channels)
+            && found.voxel_type == step.encoding.voxel_type
             && found.times == 1;
         if !is_same {
             let problem = "changed since the series was opened; start over when no program writes to it";
             return Err(ImportError::invalid(&step.path, problem));
         }
-        Ok(opened.into())
+        let Some(Conversion { to, options }) = &self.conversion else { return Ok(opened.into()) };
+        let part = Part::of(opened.info(), &OpenOptions::default(), &step.path)?;
+        Ok(to.convert(opened, &part, options, &step.path)?.into())
     }
 }
 
@@ -245,21 +315,14 @@ fn check_alike(step: &SourceInfo, path: &Path, first: &SourceInfo, paths: &[Path
         let problem = format!("{} files given, one per time step, but this one holds {}", paths.len(), step.times);
         return Err(ImportError::options(path, problem));
     }
-    let describe = |i: &SourceInfo| {
+    let describe = |i: &SourceInfo, voxel_type: &str| {
         let channels = counted(i.channels.into(), "channel");
-        format!("{} {} with {channels}, spacing {}", i.extent, i.voxel_type, i.geometry.spacing)
+        format!("{}{voxel_type} with {channels}, spacing {}", i.extent, i.geometry.spacing)
     };
-    if describe(step) != describe(first) {
-        let (own, other) = (describe(step), describe(first));
+    if describe(step, "") != describe(first, "") {
+        let [own, other] = [step, first].map(|info| describe(info, &format!(" {}", info.voxel_type)));
         let problem = format!("is {own}, but {first_path} is {other}: write the steps alike, or pack each by itself");
         return Err(ImportError::invalid(path, problem));
-    }
-    if step.nodata != first.nodata {
-        let [own, other] = [step, first].map(|info| info.nodata.map_or("no value".into(), |value| value.to_string()));
-        let problem = format!(
-            "marks voxels without data with {own}, but {first_path} with {other}; give one value for all with `nodata`"
-        );
-        return Err(ImportError::options(path, problem));
     }
     let (own, other) = (&step.geometry, &first.geometry);
     let says_place = step.calibrated || step.says_origin || own.origin != Geometry::default().origin;
@@ -283,6 +346,24 @@ fn check_alike(step: &SourceInfo, path: &Path, first: &SourceInfo, paths: &[Path
         return Err(ImportError::invalid(path, problem));
     }
     Ok(())
+}
+
+/// Checks that the voxels of a step, one of two of which at least has no place of its own, come in the order of the first one's.
+fn check_order(step: &SourceInfo, path: &Path, first: &SourceInfo, first_path: &Path) -> Result<()> {
+    if step.turned == first.turned {
+        return Ok(());
+    }
+    let order = |info: &SourceInfo| match info.turned {
+        [false, false, false] => "in the file's order".to_owned(),
+        turned => format!("turned round along {}, as its coordinates descend", axes_in_words(turned)),
+    };
+    let problem = format!(
+        "its voxels come {}, but those of {} {}: give all files coordinates, or pack each by itself",
+        order(step),
+        first_path.display(),
+        order(first)
+    );
+    Err(ImportError::options(path, problem))
 }
 
 fn check_unit(step: &SourceInfo, path: &Path, first: &SourceInfo, first_path: &Path) -> Result<()> {

@@ -33,6 +33,8 @@ pub struct SourceInfo {
     pub says_origin: bool,
     /// Axes along which the voxels come in the reverse order of the file's, as its coordinates descend: x, y, z.
     pub turned: [bool; 3],
+    /// The caller's flip, by which the voxels were put in reverse order besides; `None` if nothing was said of it.
+    pub flip: Option<[bool; 3]>,
     /// Orientation of the volume in a patient, if the format has one.
     pub orientation: Option<Orientation>,
     /// Looks of the channels, from the format; empty, or one per channel.
@@ -62,6 +64,7 @@ impl SourceInfo {
             calibrated: false,
             says_origin: false,
             turned: [false; 3],
+            flip: None,
             orientation: None,
             channel_looks: Vec::new(),
             nodata: None,
@@ -91,6 +94,13 @@ impl SourceInfo {
         }
         self.orientation = Some(new);
         Ok(())
+    }
+
+    /// Whether the source says where its voxels are.
+    pub(crate) fn has_place(&self) -> bool {
+        let Geometry { spacing, origin, .. } = Geometry::default();
+        let differs = self.geometry.spacing != spacing || self.geometry.origin != origin;
+        self.calibrated || self.says_origin || self.orientation.is_some() || differs
     }
 
     /// A value as the voxels are, possibly narrowed.

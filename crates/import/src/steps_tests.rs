@@ -140,7 +140,10 @@ fn a_missing_a_doubled_and_an_unlike_step_are_named() {
     unlike(nifti(&[7, 5, 4], 0.5, &voxels), ["spacing [0.5, 1, 1]", "spacing [1, 1, 1]"]);
     let mut signed = nifti(&[7, 5, 4], 1.0, &voxels);
     signed[70..72].copy_from_slice(&4i16.to_le_bytes());
-    unlike(signed, ["i16", "u16"]);
+    // Types may be unlike: all become one.
+    let folder = steps_in(&["s_1.nii", "s_2.nii", "s_3.nii"], of_nifti);
+    std::fs::write(folder.path().join("s_2.nii"), signed).unwrap();
+    assert_eq!(open(&[folder.path().to_owned()], &none).unwrap().info().voxel_type, VoxelType::I32);
     let several = steps_in(&["s_1.nii", "s_2.npy"], of_npy);
     assert!(refusal(&[several.path().to_owned()], &none).contains("holds 1 .npy and 1 NIfTI files"));
 }

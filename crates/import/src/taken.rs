@@ -2,12 +2,13 @@
 
 use crate::converted::Converted;
 use crate::cropped::Cropped;
+use crate::described::Described;
 use crate::error::{ImportError, Result};
 use crate::mirrored::Mirrored;
 use crate::options::OpenOptions;
 use crate::part::Part;
 use crate::picked::Picked;
-use crate::source::Source;
+use crate::source::{Source, SourceInfo};
 use std::path::Path;
 
 /// Takes the part, order and type of voxels that the options name.
@@ -28,8 +29,13 @@ pub(crate) fn take(mut source: Box<dyn Source>, options: &OpenOptions, path: &Pa
     if roi.is_some() {
         source = Box::new(Cropped::new(source, region).map_err(|error| refuse("roi", &error))?);
     }
-    if *flip != [false; 3] {
-        source = Box::new(Mirrored::new(source, *flip).map_err(|error| refuse("flip", &error))?);
+    match *flip {
+        None => {}
+        Some([false, false, false]) => {
+            let info = SourceInfo { flip: *flip, ..source.info().clone() };
+            source = Box::new(Described { info, source, first: 0 });
+        }
+        Some(flip) => source = Box::new(Mirrored::new(source, flip).map_err(|error| refuse("flip", &error))?),
     }
     Ok(source)
 }

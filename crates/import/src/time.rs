@@ -30,9 +30,9 @@ pub(crate) fn override_time(info: &mut SourceInfo, path: &Path, options: &OpenOp
         Some(axis.map_err(|problem| ImportError::invalid(stamps_path, problem.to_string()))?)
     } else if let Some(step) = options.time_step {
         let start = known.map_or(0.0, |axis| axis.start);
-        Some(TimeAxis { start, step, stamps: Vec::new(), unit })
+        Some(TimeAxis { start, step, unit, ..TimeAxis::default() })
     } else if options.time_unit.is_some() {
-        Some(TimeAxis { unit, ..known.unwrap_or_default() })
+        Some(TimeAxis { unit, since: None, ..known.unwrap_or_default() })
     } else {
         known
     };
@@ -89,7 +89,13 @@ mod tests {
     }
 
     fn seconds(step: f64) -> TimeAxis {
-        TimeAxis { start: 3.0, step, stamps: Vec::new(), unit: Some("second".into()) }
+        TimeAxis {
+            start: 3.0,
+            step,
+            unit: Some("second".into()),
+            since: Some("1900-01-01".into()),
+            ..TimeAxis::default()
+        }
     }
 
     #[test]
@@ -98,7 +104,7 @@ mod tests {
         assert_eq!(told(None, &none), Ok(None));
         assert_eq!(told(Some(seconds(2.0)), &none), Ok(Some(seconds(2.0))));
         let step = OpenOptions { time_step: Some(0.5), ..none.clone() };
-        assert_eq!(told(Some(seconds(2.0)), &step), Ok(Some(seconds(0.5))));
+        assert_eq!(told(Some(seconds(2.0)), &step), Ok(Some(TimeAxis { since: None, ..seconds(0.5) })));
         let both = OpenOptions { time_unit: Some("ms".into()), ..step };
         let milliseconds = TimeAxis { step: 0.5, unit: Some("millisecond".into()), ..TimeAxis::default() };
         assert_eq!(told(None, &both), Ok(Some(milliseconds.clone())));

@@ -45,14 +45,14 @@ use crate::pack::{Exists, PackError, PackOptions, Progress, ours, output, pack_o
 use crate::shard_file::IoMode;
 use crate::stats::ChannelTotals;
 use crate::store::{Store, open_folder};
-use brickyard_import::Source;
+use brickyard_import::{Source, axes_in_words};
 use brickyard_volume::{TimeAxis, with_voxel_type};
 pub(crate) use documents::{FOREIGN_STEPS, foreign_steps};
 use documents::{array_dirs, stale_groups, update_consolidated, update_root};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use step::{check_nodata, first_step, next_axis, next_step};
+use step::{check_nodata, first_step, next_axis, next_step, own_time};
 
 /// Resources for appending.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -220,7 +220,8 @@ impl Appender {
     ) -> Result<AppendReport, Failed> {
         let store = self.open_store()?;
         let step = next_step(source, &store)?;
-        let time = next_axis(&store, source.info().time.as_ref(), stamp)?;
+        let own = own_time(&store, source).filter(|_| stamp.is_none() && source.info().time.is_none());
+        let time = next_axis(&store, source.info().time.as_ref(), stamp.or(own.as_ref().and_then(|own| own.0)))?;
         let options = self.pack_options(store.info());
         let times = store.times().checked_add(1).ok_or_else(|| too_many(&store))?;
         let plan = plan_last(&step, &options, &store.layout().with_times(times))?;
@@ -228,6 +229,14 @@ impl Appender {
         let before = counted.clone();
         let (non_finite, nodata) = left_out(&before);
         tell(source.info(), progress);
+        own.into_iter().for_each(|(_, note)| progress.note(&note));
+        if let Some(flip) = source.info().flip.filter(|flip| *flip != store.info().flipped) {
+            let [own, ours] = [flip, store.info().flipped].map(|flip| match axes_in_words(flip) {
+                none if none.is_empty() => "no axis".to_owned(),
+                axes => axes,
+            });
+            progress.note(&format!("The step is flipped along {own}, the store's first along {ours}."));
+        }
         progress.planned(&plan);
         let pass =
             Pass { source: &step, store: self.path(), options: &options, plan: &plan, disk: &self.disk, progress };

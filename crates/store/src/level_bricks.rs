@@ -181,6 +181,7 @@ mod tests {
             calibrated: true,
             says_origin: false,
             turned: [false; 3],
+            flip: None,
             orientation: None,
             channel_looks: Vec::new(),
             time: None,

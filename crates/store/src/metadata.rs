@@ -231,6 +231,12 @@ pub struct StoreInfo {
     /// Orientation of the volume in a patient, if given by the source.
     #[serde(default)]
     pub orientation: Option<Orientation>,
+    /// Axes along which the voxels come in the reverse order of their files', as the coordinates there descend.
+    #[serde(default, skip_serializing_if = "is_default")]
+    pub turned: [bool; 3],
+    /// Axes along which a flip put the voxels in reverse order besides.
+    #[serde(default, skip_serializing_if = "is_default")]
+    pub flipped: [bool; 3],
     /// Acquisition times of the steps, if given by the source or user. `attributes.ome` takes precedence for step,
     /// start and unit: see [`Store::time_axis`](crate::Store::time_axis).
     #[serde(default, skip_serializing_if = "Option::is_none")]

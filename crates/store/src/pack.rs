@@ -640,6 +640,8 @@ fn write_metadata(pass: &Pass, settings: &Value, passed: Passed) -> Result<(), d
         axis_units: info.geometry.axis_units.clone(),
         calibrated: info.calibrated,
         orientation: info.orientation,
+        turned: info.turned,
+        flipped: info.flip.unwrap_or_default(),
         time: info.time.clone(),
         times: None,
         channels,

@@ -191,6 +191,8 @@ impl TestStore {
             axis_units: None,
             calibrated: true,
             orientation: None,
+            turned: [false; 3],
+            flipped: [false; 3],
             time: self.time.clone(),
             times: None,
             channels,

@@ -63,13 +63,15 @@ pub(crate) fn parse_time(
     }
     let (step, start) = first.unwrap_or(UNKNOWN);
     let unit = multiscale["axes"][0]["unit"].as_str().map(str::to_owned);
+    // Times in another tool's unit count from a moment of its own.
+    let since = said.filter(|axis| axis.unit == unit).and_then(|axis| axis.since.clone());
     if let Some(irregular) = said.cloned().filter(|axis| !axis.stamps.is_empty()) {
-        return Ok(Some(TimeAxis { unit, ..irregular }));
+        return Ok(Some(TimeAxis { unit, since, ..irregular }));
     }
     if said.is_none() && unit.is_none() && (step, start) == UNKNOWN {
         return Ok(None);
     }
-    let axis = TimeAxis { start, step, stamps: Vec::new(), unit };
+    let axis = TimeAxis { start, step, stamps: Vec::new(), unit, since };
     axis.check(layout.times).map_err(|problem| {
         let field = format!("attributes.{owner}.multiscales[0]: scale and translation of t");
         OpenError::invalid(path, field, problem.expected, problem.found)
@@ -92,7 +94,7 @@ mod tests {
     use serde_json::json;
 
     fn seconds(start: f64, step: f64) -> TimeAxis {
-        TimeAxis { start, step, stamps: Vec::new(), unit: Some("second".into()) }
+        TimeAxis { start, step, unit: Some("second".into()), ..TimeAxis::default() }
     }
 
     fn written(time: Option<TimeAxis>) -> tempfile::TempDir {
@@ -115,7 +117,10 @@ mod tests {
     fn a_store_keeps_its_time_axis() {
         let irregular = TimeAxis::of_stamps(vec![-1.0, 0.5, 9.25], Some("day".into())).unwrap();
         assert!(!irregular.stamps.is_empty());
-        for time in [None, Some(seconds(0.25, 0.1)), Some(TimeAxis::default()), Some(irregular)] {
+        let since = |axis: TimeAxis| Some(TimeAxis { since: Some("1900-01-01".into()), ..axis });
+        for time in
+            [None, Some(seconds(0.25, 0.1)), Some(TimeAxis::default()), since(seconds(6.0, 3.0)), since(irregular)]
+        {
             let dir = written(time.clone());
             let store = Store::open(dir.path()).unwrap();
             assert_eq!(store.time_axis(), time.as_ref());
@@ -142,11 +147,11 @@ mod tests {
                 dataset["coordinateTransformations"][0]["scale"][0] = json!(step);
             }
         }
-        for time in [None, Some(seconds(0.0, 2.0))] {
+        for time in [None, Some(TimeAxis { since: Some("1900-01-01".into()), ..seconds(0.0, 2.0) })] {
             let dir = written(time);
             edited(dir.path(), |document| set(document, 7.5, "minute"));
             let found = Store::open(dir.path()).unwrap().time_axis().cloned().unwrap();
-            assert_eq!((found.step, found.unit.as_deref()), (7.5, Some("minute")));
+            assert_eq!((found.step, found.unit.as_deref(), found.since), (7.5, Some("minute"), None));
             let problems = verify(dir.path(), |_, _| {}).unwrap().problems;
             assert!(problems.len() == 1, "{problems:?}");
         }

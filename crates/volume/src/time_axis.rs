@@ -20,12 +20,15 @@ pub struct TimeAxis {
     /// UDUNITS name of the unit of time (`second`); `None` if unknown.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub unit: Option<String>,
+    /// The moment from which the times count (`2000-01-01`), if the file says it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub since: Option<String>,
 }
 
 /// Counted steps: step 0 at time 0, each 1 after the last.
 impl Default for TimeAxis {
     fn default() -> Self {
-        Self { start: 0.0, step: 1.0, stamps: Vec::new(), unit: None }
+        Self { start: 0.0, step: 1.0, stamps: Vec::new(), unit: None, since: None }
     }
 }
 
@@ -51,7 +54,7 @@ impl TimeAxis {
         let mut gaps: Vec<f64> = stamps.windows(2).map(|pair| pair[1] - pair[0]).collect();
         gaps.sort_by(f64::total_cmp);
         let step = if gaps.is_empty() { 1.0 } else { gaps[gaps.len() / 2] };
-        let axis = Self { start: stamps.first().copied().unwrap_or(0.0), step, stamps, unit };
+        let axis = Self { start: stamps.first().copied().unwrap_or(0.0), step, stamps, unit, since: None };
         axis.check(axis.stamps.len() as u32)?;
         let (first, last) = (axis.start, axis.stamps.last().copied().unwrap_or(axis.start));
         let mean = if gaps.is_empty() { 1.0 } else { (last - first) / gaps.len() as f64 };
@@ -79,7 +82,8 @@ impl TimeAxis {
         if self.stamps.is_empty() && (self.at(times) - stamp).abs() <= EVEN * self.step {
             return Ok(self.clone());
         }
-        Self::of_stamps((0..times).map(|step| self.at(step)).chain([stamp]).collect(), self.unit.clone())
+        let stamps = (0..times).map(|step| self.at(step)).chain([stamp]).collect();
+        Ok(Self { since: self.since.clone(), ..Self::of_stamps(stamps, self.unit.clone())? })
     }
 
     /// Checks that the axis fits `times` steps: finite, ascending times.
@@ -181,7 +185,13 @@ mod tests {
 
     #[test]
     fn an_axis_goes_on_evenly_as_long_as_its_steps_do() {
-        let mut axis = TimeAxis { start: 1.0, step: 0.1, unit: Some("day".into()), stamps: Vec::new() };
+        let mut axis = TimeAxis {
+            start: 1.0,
+            step: 0.1,
+            since: Some("2000-01-01".into()),
+            unit: Some("day".into()),
+            stamps: Vec::new(),
+        };
         for times in 1..50 {
             assert_eq!(axis.followed_by(times, 1.0 + 0.1 * f64::from(times)), Ok(axis.clone()));
         }
@@ -190,6 +200,7 @@ mod tests {
         assert_eq!((axis.step, &axis.stamps[..]), (0.5, &[][..]));
         axis = axis.followed_by(2, 2.25).unwrap();
         assert_eq!((axis.start, &axis.stamps[..], axis.unit.as_deref()), (1.0, &[1.0, 1.5, 2.25][..], Some("day")));
+        assert_eq!(axis.since.as_deref(), Some("2000-01-01"));
         assert_eq!(axis.followed_by(3, 9.0).unwrap().stamps, [1.0, 1.5, 2.25, 9.0]);
         for stamp in [2.25, 0.0, f64::NAN, f64::INFINITY] {
             let problem = axis.followed_by(3, stamp).unwrap_err().to_string();

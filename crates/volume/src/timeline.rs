@@ -66,7 +66,7 @@ mod tests {
     use super::*;
 
     fn time(steps: u32, start: f64, step: f64, unit: Option<&str>) -> VolumeTime {
-        let axis = TimeAxis { start, step, stamps: Vec::new(), unit: unit.map(str::to_owned) };
+        let axis = TimeAxis { start, step, unit: unit.map(str::to_owned), ..TimeAxis::default() };
         VolumeTime { steps, axis: Some(Arc::new(axis)) }
     }
 

@@ -4,11 +4,15 @@ use super::axes::{Dim, Scale};
 use crate::axes::Axis;
 use crate::note::{Note, Setting};
 use crate::source::SourceInfo;
+use crate::step_time::{StepTime, TimeSpan};
 use brickyard_volume::units::{LengthUnit, degree_of_text};
 use brickyard_volume::{TimeAxis, time_unit};
 
 /// Largest difference of even coordinates from their line, as a part of the spacing.
 const EVEN: f64 = 1e-3;
+
+/// Most bytes of the moment from which times count.
+const LONGEST_MOMENT: usize = 64;
 
 /// Coordinates along an axis.
 struct Line {
@@ -21,16 +25,16 @@ struct Line {
     units: Option<String>,
 }
 
-/// Sets spacing, origin, unit and times from the coordinates of the axes; spacing and origin only where nothing else has. Returns the
-/// axes along x, y, z whose coordinates descend: the volume is to be mirrored along them.
-pub(crate) fn place(info: &mut SourceInfo, dims: &[Dim], axes: &[Axis]) -> [bool; 3] {
+/// Sets spacing, origin, unit and times from the coordinates of the axes; spacing and origin only where nothing else has. Sets the
+/// axes along x, y, z whose coordinates descend: the volume is to be mirrored along them. Returns the time of a single step.
+pub(crate) fn place(info: &mut SourceInfo, dims: &[Dim], axes: &[Axis]) -> StepTime {
     let mut lines: [Option<Line>; 3] = [None, None, None];
-    let mut notes = Vec::new();
+    let (mut notes, mut stamp) = (Vec::new(), None);
     for (dim, axis) in dims.iter().zip(axes) {
         let Some(scale) = &dim.scale else { continue };
         let Some(coordinates) = &scale.coordinates else { continue };
         match axis {
-            Axis::T => time(info, coordinates, scale.units.as_deref(), &mut notes),
+            Axis::T => stamp = time(info, coordinates, scale.units.as_deref(), &mut notes),
             Axis::C => {}
             axis => {
                 let at = [Axis::X, Axis::Y, Axis::Z].iter().position(|a| a == axis).unwrap_or(0);
@@ -38,9 +42,9 @@ pub(crate) fn place(info: &mut SourceInfo, dims: &[Dim], axes: &[Axis]) -> [bool
             }
         }
     }
-    let descend = if info.calibrated { [false; 3] } else { of_lines(info, &lines, &mut notes) };
+    info.turned = if info.calibrated { [false; 3] } else { of_lines(info, &lines, &mut notes) };
     info.notes.append(&mut notes);
-    descend
+    StepTime { stamp, increment: None }
 }
 
 fn line(scale: &Scale, coordinates: &[f64], axis: Axis, notes: &mut Vec<Note>) -> Option<Line> {
@@ -141,19 +145,37 @@ fn unit_of_time(units: &str) -> Option<&'static str> {
     [name, &lower, singular].into_iter().find_map(|name| time_unit(name).ok())
 }
 
-/// Sets the times of the steps, in a unit such as `hours since 2000-01-01`.
-fn time(info: &mut SourceInfo, coordinates: &[f64], units: Option<&str>, notes: &mut Vec<Note>) {
+/// The moment in units such as `hours since 2000-01-01 00:00:0.0`, in one spelling: a date with all digits, and no midnight. Moments in
+/// two spellings are two.
+fn moment_of(units: &str) -> Option<String> {
+    let (_, moment) = units.split_once(" since ")?;
+    let moment = moment.trim();
+    let (date, time) = moment.split_once([' ', 'T']).unwrap_or((moment, ""));
+    let numbers: Option<Vec<u32>> = date.split('-').map(|number| number.parse().ok()).collect();
+    Some(match numbers.as_deref() {
+        Some([year, month, day]) => {
+            let is_midnight = time.chars().all(|letter| "0:.Z ".contains(letter));
+            let time = if is_midnight { String::new() } else { format!(" {}", time.trim()) };
+            format!("{year:04}-{month:02}-{day:02}{time}")
+        }
+        _ => moment.to_owned(),
+    })
+}
+
+/// Sets the times of the steps, in a unit such as `hours since 2000-01-01`. Returns that of a single step, which makes no axis.
+fn time(info: &mut SourceInfo, coordinates: &[f64], units: Option<&str>, notes: &mut Vec<Note>) -> Option<TimeSpan> {
+    let unit = units.and_then(unit_of_time);
+    let since = units.and_then(moment_of);
+    if since.as_ref().is_some_and(|since| since.len() > LONGEST_MOMENT || since.chars().any(char::is_control)) {
+        notes.push(Note::warning("The moment from which the file's times count is no short text: they are left out."));
+        return None;
+    }
     if let [at] = coordinates {
-        let units = units.map_or(String::new(), |units| format!(" {units}"));
-        // Each file may count from its own beginning.
-        notes.push(Note::new(format!(
-            "The time of the only step, {at}{units}, is left out: `time_step` or `time_stamps` gives a series its times."
-        )).settled_by(Setting::Times));
+        return at.is_finite().then_some(TimeSpan { number: *at, unit, since });
     }
     if coordinates.len() < 2 {
-        return;
+        return None;
     }
-    let unit = units.and_then(unit_of_time);
     if let (Some(units), None) = (units, unit) {
         notes.push(
             Note::warning(format!("Times are in {units}, which is no known unit: it is left out."))
@@ -163,11 +185,12 @@ fn time(info: &mut SourceInfo, coordinates: &[f64], units: Option<&str>, notes: 
         notes.push(Note::new(format!("Times are in {units}.")));
     }
     match TimeAxis::of_stamps(coordinates.to_vec(), unit.map(str::to_owned)) {
-        Ok(axis) => info.time = Some(axis),
+        Ok(axis) => info.time = Some(TimeAxis { since, ..axis }),
         Err(problem) => {
             notes.push(Note::warning(format!("The file's times are left out: {problem}.")).settled_by(Setting::Times))
         }
     }
+    None
 }
 
 #[cfg(test)]
@@ -208,14 +231,31 @@ mod tests {
     }
 
     #[test]
+    fn moments_are_one_in_their_usual_spellings() {
+        for units in ["hours since 1900-01-01", "days since 1900-1-1 00:00:0.0", "hours since 1900-01-01T00:00:00Z"] {
+            assert_eq!(moment_of(units).as_deref(), Some("1900-01-01"), "{units}");
+        }
+        for (units, moment) in [
+            ("hours since 1900-01-01 06:00", "1900-01-01 06:00"),
+            ("hours since 1900-01-01 00:00 +01:00", "1900-01-01 00:00 +01:00"),
+            ("hours since launch", "launch"),
+        ] {
+            assert_eq!(moment_of(units).as_deref(), Some(moment), "{units}");
+        }
+        assert_eq!(moment_of("hours"), None);
+    }
+
+    #[test]
     fn the_time_of_a_single_step_is_told() {
         let sizes = Sizes { extent: Extent::new(2, 2, 2), channels: 1, times: 1 };
         let (mut info, mut notes) = (SourceInfo::plain(sizes, VoxelType::F32), Vec::new());
-        time(&mut info, &[4.5], Some("hours since 2026-01-01"), &mut notes);
-        assert!(info.time.is_none() && notes.len() == 1, "{notes:?}");
-        assert!(notes[0].starts_with("The time of the only step, 4.5 hours since 2026-01-01, is left out: "));
-        time(&mut info, &[4.5, 5.0], Some("hours since 2026-01-01"), &mut notes);
-        assert!(info.time.is_some() && notes[1].starts_with("Times are in hours since"), "{notes:?}");
+        let stamp = time(&mut info, &[4.5], Some("hours since 2026-01-01"), &mut notes);
+        assert!(info.time.is_none() && notes.is_empty(), "{notes:?}");
+        let said = StepTime { stamp, increment: None }.left_out().unwrap();
+        assert!(said.starts_with("The time of the only step, 4.5 hour since 2026-01-01, is left out: "), "{said:?}");
+        assert_eq!(time(&mut info, &[4.5, 5.0], Some("hours since 2026-01-01"), &mut notes), None);
+        assert_eq!(info.time.unwrap().since.as_deref(), Some("2026-01-01"));
+        assert!(notes[0].starts_with("Times are in hours since"), "{notes:?}");
     }
 
     #[test]
@@ -237,7 +277,7 @@ mod tests {
         let plain = OpenOptions::default();
         let spacing = OpenOptions { spacing: Some(glam::DVec3::ONE), ..plain.clone() };
         let place = OpenOptions { origin: Some(glam::DVec3::ZERO), ..spacing.clone() };
-        let turned = OpenOptions { flip: [false, true, false], ..plain.clone() };
+        let turned = OpenOptions { flip: Some([false, true, false]), ..plain.clone() };
         assert_eq!(
             [&plain, &spacing, &place, &turned].map(stale),
             [[false, false], [false, false], [true, false], [false, true]]

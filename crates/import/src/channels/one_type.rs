@@ -1,5 +1,5 @@
-//! One voxel type for arrays of several: the smallest that holds all their values, or the one of [`OpenOptions::to_voxel_type`]. Each array is
-//! converted by itself, before they are joined.
+//! One voxel type for arrays of several: the smallest that holds all their values, or the one of [`OpenOptions::to_voxel_type`]; and one mark for
+//! no data, which for unlike values is NaN. Each array is converted by itself, before they are joined.
 
 use super::{NamedArray, shown};
 use crate::converted::Converted;
@@ -14,6 +14,31 @@ use std::path::PathBuf;
 /// Whether the arrays have several voxel types.
 pub(super) fn are_unlike(parts: &[NamedArray]) -> bool {
     parts.windows(2).any(|pair| type_of(&pair[0]) != type_of(&pair[1]))
+}
+
+/// Whether the arrays mark voxels without data alike.
+pub(super) fn are_marked_alike(parts: &[NamedArray]) -> bool {
+    parts.windows(2).all(|pair| mark_of(&pair[0]) == mark_of(&pair[1]))
+}
+
+/// Checks that arrays can be marked alike in a type: by NaN, or by a value that they share. Another integer might be data.
+fn check_marks(parts: &[NamedArray], to: VoxelType) -> Result<()> {
+    let unlike = parts.windows(2).find(|pair| mark_of(&pair[0]).0 != mark_of(&pair[1]).0);
+    let Some([first, part]) = unlike.filter(|_| !to.is_float()) else { return Ok(()) };
+    let value = |part: &NamedArray| match mark_of(part) {
+        (Some(value), _) => value.to_string(),
+        (None, true) => "marked voxel by voxel".into(),
+        (None, false) => "none".into(),
+    };
+    let problem = format!(
+        "the value for no data of {} is {}, but that of {} is {}: give one for all with `nodata`, or none, or make it NaN with \
+         `to_voxel_type` f32",
+        part.name,
+        value(part),
+        shown(first),
+        value(first)
+    );
+    Err(ImportError::options(&part.path, problem))
 }
 
 /// Converts arrays to one type. `joined` describes them as channels of one volume.
@@ -31,6 +56,7 @@ pub(super) fn in_one_type(
         Some(to) => to,
         None => common_type(&parts)?,
     };
+    check_marks(&parts, to)?;
     let take_channel = if is_whole { options.take_channel.clone() } else { Vec::new() };
     let taken = OpenOptions { take_channel, ..options.clone() };
     let mut first = 0;
@@ -51,6 +77,10 @@ pub(super) fn in_one_type(
 
 fn type_of(part: &NamedArray) -> VoxelType {
     part.source.info().voxel_type
+}
+
+fn mark_of(part: &NamedArray) -> (Option<f64>, bool) {
+    (part.source.info().nodata, part.source.info().knows_nodata)
 }
 
 /// The smallest type that holds all values: of integers an integer, and f32 beside floats.

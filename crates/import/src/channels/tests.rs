@@ -271,6 +271,54 @@ fn one_value_for_no_data_holds_in_all_channels() {
     assert_eq!(joined(&[bytes.clone(), bytes], &told).unwrap().nodata, Some(7.0));
 }
 
+/// Floats of unlike fill values, as in files of reanalyses: each array's own becomes NaN, and no other number.
+#[test]
+fn unlike_marks_become_nan_in_floats() {
+    let floats = |values: [f32; 8]| temp_file("a.raw", &values.map(f32::to_le_bytes).concat());
+    let ((_one, a), (_two, b)) =
+        (floats([1.0, -9.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0]), floats([-9.0, 3.0, f32::NAN, 4.0, 1.0, 1.0, 1.0, 1.0]));
+    let part = |name: &str, path: &Path, nodata: Option<f64>, knows_nodata| {
+        let options = OpenOptions {
+            shape: Some(Extent::new(4, 2, 1)),
+            voxel_type: Some(VoxelType::F32.into()),
+            ..OpenOptions::default()
+        };
+        let source = open(&[path.to_owned()], &options).unwrap();
+        let info = SourceInfo { nodata, knows_nodata, ..source.info().clone() };
+        let source = Box::new(crate::described::Described { info, source, first: 0 });
+        NamedArray { name: name.into(), path: path.into(), source }
+    };
+    for (first, second) in [((Some(-9.0), false), (None, true)), ((Some(-9.0), false), (Some(3.0), false))] {
+        let joined = channels_of(vec![part("a", &a, first.0, first.1), part("b", &b, second.0, second.1)]).unwrap();
+        assert_eq!(
+            (joined.info().voxel_type, joined.info().nodata, joined.info().knows_nodata),
+            (VoxelType::F32, None, true)
+        );
+        let values = |channel| {
+            let mut out = [0; 32];
+            joined.read_box(0, channel, Extent::new(4, 2, 1).full_box(), &mut out).unwrap();
+            (0..4).map(|i| VoxelType::F32.read(&out, i)).collect::<Vec<_>>()
+        };
+        let found = values(0);
+        assert!(found[1].is_nan() && (found[0], found[2], found[3]) == (1.0, 3.0, 4.0), "{found:?}");
+        let found = values(1);
+        assert_eq!((found[0], found[3]), (-9.0, 4.0), "data there: {found:?}");
+        assert!(found[2].is_nan() && found[1].is_nan() == (second.0 == Some(3.0)), "{found:?}");
+    }
+    // Bytes with a mark of their own become floats beside floats; beside other bytes, by the caller's word.
+    let (_folder, path) = temp_file("a.raw", &[3, 0, 1, 2, 4, 5, 6, 7]);
+    let bytes = || described_as(&path, "c", |info| info.nodata = Some(3.0));
+    let joined = channels_of(vec![bytes(), part("a", &a, Some(-9.0), false)]).unwrap();
+    let mut out = [0; 32];
+    joined.read_box(0, 0, Extent::new(4, 2, 1).full_box(), &mut out).unwrap();
+    assert!(VoxelType::F32.read(&out, 0).is_nan() && VoxelType::F32.read(&out, 1) == 0.0);
+    let others = || vec![bytes(), described_as(&path, "d", |_| ())];
+    assert!(channels_of(others()).err().unwrap().to_string().contains("NaN with `to_voxel_type` f32"));
+    let told = OpenOptions { to_voxel_type: Some(VoxelType::F32), ..OpenOptions::default() };
+    assert_eq!(Channels::new(others(), &told).unwrap().info().nodata, None);
+    assert!(Channels::new(others(), &OpenOptions { to_voxel_type: Some(VoxelType::U16), ..told }).is_err());
+}
+
 #[test]
 fn times_and_notes_keep_their_names() {
     let (_folder, path) = temp_file("a.raw", &[3; 8]);

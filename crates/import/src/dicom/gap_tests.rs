@@ -76,7 +76,7 @@ fn later_steps_are_held_as_those_before() {
         }))
     };
     let held_as = |least, nodata| {
-        let held_as = Some(HeldAs { voxel_type: VoxelType::I16, nodata });
+        let held_as = Some(HeldAs { voxel_type: VoxelType::I16, nodata, turned: [false; 3] });
         let options = OpenOptions { gaps: Gaps::Blank, held_as, ..OpenOptions::default() };
         let source = open_with(&folder(least), &options).unwrap();
         (source.info().voxel_type, source.info().nodata)
@@ -93,7 +93,7 @@ fn later_steps_have_titles_and_no_names() {
     let mut slice = Written::slice(0.0, 0);
     slice.text(tags::SERIES_DESCRIPTION, VR::LO, "arterial");
     let folder = Folder::of([slice]);
-    let held_as = Some(HeldAs { voxel_type: VoxelType::U16, nodata: None });
+    let held_as = Some(HeldAs { voxel_type: VoxelType::U16, nodata: None, turned: [false; 3] });
     for (held_as, name) in [(None, Some("arterial")), (held_as, None)] {
         let source = open_with(&folder, &OpenOptions { held_as, ..OpenOptions::default() }).unwrap();
         assert_eq!(source.info().channel_looks[0].name.as_deref(), name);

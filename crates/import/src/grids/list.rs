@@ -2,7 +2,7 @@
 
 use crate::error::{ImportError, Result};
 use crate::files::{first_bytes, folder_of, name_of};
-use crate::options::{NoData, OpenOptions};
+use crate::options::{HeldAs, NoData, OpenOptions};
 use crate::pipe::is_pipe;
 use crate::raw_text::{Fields, is_text};
 use crate::sidecar::text_of;
@@ -100,7 +100,8 @@ impl GridList {
             is_step: caller.is_step,
             order: caller.order,
             gaps: caller.gaps,
-            held_as: caller.held_as,
+            // Grids have places of their own.
+            held_as: caller.held_as.map(|held| HeldAs { turned: [false; 3], ..held }),
             to_voxel_type: caller.to_voxel_type,
             nodata,
             allow_lossy: caller.allow_lossy,

@@ -218,7 +218,7 @@ fn places_in_no_grid_hold_no_data() {
         (Some(7.0), None)
     );
     // In a store with a value for no data it is this one.
-    let held_as = Some(HeldAs { voxel_type: VoxelType::U16, nodata: Some(2.0) });
+    let held_as = Some(HeldAs { voxel_type: VoxelType::U16, nodata: Some(2.0), turned: [false; 3] });
     let source = apart("u16").kept(&json!({}), &OpenOptions { held_as, ..OpenOptions::default() });
     assert_eq!(all(&*source), [1.0, 2.0, 2.0, 2.0, 2.0, 3.0]);
 }
@@ -360,7 +360,7 @@ fn parts_flips_and_types_work_over_it() {
     let listed = row("u8", [10.0, 20.0], [3.0, 4.0], plain());
     let told = OpenOptions {
         roi: Some(VoxelBox::new([1, 0, 0], [5, 1, 1])),
-        flip: [true, false, false],
+        flip: Some([true, false, false]),
         to_voxel_type: Some(VoxelType::I32),
         ..OpenOptions::default()
     };

@@ -11,6 +11,7 @@ use crate::mapped::MappedFile;
 use crate::options::OpenOptions;
 use crate::raw::{ArrayLayout, RawSource};
 use crate::source::{Access, Source, SourceInfo};
+use crate::step_time::StepTime;
 use brickyard_volume::VoxelBox;
 use hdf5_reader::cache::ChunkCache;
 use std::path::PathBuf;
@@ -38,6 +39,14 @@ pub(super) struct ChunkedSource {
     has_members: bool,
     cache: ChunkCache,
     access: Access,
+    step_time: StepTime,
+}
+
+impl ChunkedSource {
+    /// Sets the time of a single step.
+    pub(super) fn at(self, step_time: StepTime) -> Self {
+        Self { step_time, ..self }
+    }
 }
 
 /// A volume about to be opened.
@@ -87,7 +96,18 @@ impl Opening<'_> {
         let (access, cache_bytes) = arrays.first().map_or((Access::Box, 0), |array| access_of(array, &axes));
         let cache = ChunkCache::new(usize::try_from(cache_bytes).unwrap_or(usize::MAX), CACHE_SLOTS);
         let (path, map) = (file.path.clone(), file.map.clone());
-        Ok(ChunkedSource { info, path, map, arrays, axes, decode, has_members, cache, access })
+        Ok(ChunkedSource {
+            info,
+            path,
+            map,
+            arrays,
+            axes,
+            decode,
+            has_members,
+            cache,
+            access,
+            step_time: StepTime::default(),
+        })
     }
 }
 
@@ -119,6 +139,10 @@ impl Source for ChunkedSource {
 
     fn access(&self) -> Access {
         self.access
+    }
+
+    fn step_time(&self) -> StepTime {
+        self.step_time.clone()
     }
 
     fn reader_bytes(&self) -> u64 {

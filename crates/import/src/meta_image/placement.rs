@@ -99,7 +99,7 @@ fn set_time(
     if info.times < 2 || step == 1.0 && start == 0.0 {
         return;
     }
-    let axis = TimeAxis { start, step, stamps: Vec::new(), unit: None };
+    let axis = TimeAxis { start, step, ..TimeAxis::default() };
     match axis.check(info.times) {
         Ok(()) => info.time = Some(axis),
         Err(problem) => notes

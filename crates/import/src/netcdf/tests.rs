@@ -271,7 +271,7 @@ fn what_the_caller_gives_is_not_asked_for() {
     assert_eq!(has(&told(OpenOptions { spacing, origin, ..plain() })), [false, false, true, true]);
     let flip = [false, true, false];
     // The file's time of the first step holds beside another step.
-    let all = OpenOptions { spacing, origin, flip, time_step: Some(6.0), ..plain() };
+    let all = OpenOptions { spacing, origin, flip: Some(flip), time_step: Some(6.0), ..plain() };
     assert_eq!(has(&told(all)), [false, false, false, true]);
     // Nor is anything said once for each channel of the file.
     made.vars.push(Var { name: "t3m", ..climate().vars.swap_remove(1) });
@@ -293,13 +293,104 @@ fn values_and_places_follow_cf() {
     assert!(info.calibrated && info.knows_nodata && info.nodata.is_none());
     assert!(said(&info.notes).contains("Voxels stored as 3 hold no data, according to the file (missing_value)"));
     let time = info.time.clone().unwrap();
-    assert_eq!((time.step, time.unit.as_deref()), (6.0, Some("hour")));
+    assert_eq!((time.step, time.unit.as_deref(), time.since.as_deref()), (6.0, Some("hour"), Some("2000-01-01")));
     assert!(said(&info.notes).contains("phi descend from 60 to 55: the volume is turned round along y"));
     let mut out = [0; 48];
     source.read_box(1, 0, info.extent.full_box(), &mut out).unwrap();
     // The first row is the last in the file: latitude 55.
     assert_eq!(VoxelType::F32.read(&out, 0), (12.0 + 8.0) * 0.5 + 200.0);
     assert_eq!(VoxelType::F32.read(&out, 11), (12.0 + 3.0) * 0.5 + 200.0);
+}
+
+/// One record, at its own time.
+fn hour(number: f64, has_coordinates: bool) -> Vec<u8> {
+    let mut made = climate();
+    made.records = 1;
+    made.vars[0].data = doubles(&[number]);
+    if !has_coordinates {
+        made.vars.truncate(2);
+    }
+    made.finish()
+}
+
+#[test]
+fn the_times_of_single_records_are_those_of_their_series() {
+    let (folder, first) = temp_file("a_0.nc", &hour(6.0, true));
+    let second = folder.path().join("a_1.nc");
+    std::fs::write(&second, hour(18.0, true)).unwrap();
+    let one = open_any(std::slice::from_ref(&first), &OpenOptions::default()).unwrap();
+    assert_eq!(one.step_time().stamp.unwrap().in_words(), "6 hour since 2000-01-01");
+    let series = open_any(&[first.clone(), second.clone()], &OpenOptions::default()).unwrap();
+    let time = series.info().time.clone().unwrap();
+    assert_eq!((time.start, time.step, time.since.as_deref()), (6.0, 12.0, Some("2000-01-01")));
+    // One without coordinates would lie upside down, whatever place is given.
+    std::fs::write(&second, hour(18.0, false)).unwrap();
+    let placed = OpenOptions { spacing: Some(DVec3::ONE), origin: Some(DVec3::ZERO), ..OpenOptions::default() };
+    for paths in [[first.clone(), second.clone()], [second, first]] {
+        let options = OpenOptions { order: Some(crate::options::FileOrder::Given), ..placed.clone() };
+        let message = open_any(&paths, &options).err().unwrap().to_string();
+        assert!(
+            message.contains("turned round along y") && message.contains("give all files coordinates"),
+            "{message}"
+        );
+    }
+}
+
+/// A step without a place of its own lies as those before; one with a place where it says.
+#[test]
+fn steps_are_turned_as_those_before() {
+    use crate::options::HeldAs;
+    let options = |turned| OpenOptions {
+        held_as: Some(HeldAs { voxel_type: VoxelType::F32, nodata: None, turned }),
+        ..OpenOptions::default()
+    };
+    let along_y = [false, true, false];
+    let (_folder, path) = temp_file("a.nc", &hour(6.0, false));
+    let (_other, placed) = temp_file("b.nc", &hour(6.0, true));
+    let opened = |path: &Path, options: &OpenOptions| open_any(&[path.to_owned()], options).unwrap();
+    // The fourth number of the first row is no data.
+    let values = |source: &dyn crate::source::Source| {
+        let found = values(source).into_iter().map(|value| if value.is_nan() { -1.0 } else { value });
+        found.collect::<Vec<f64>>()
+    };
+    let plain = values(&*opened(&path, &options([false; 3])));
+    let source = opened(&path, &options(along_y));
+    assert_eq!(values(&*source), [&plain[8..], &plain[4..8], &plain[..4]].concat());
+    assert_eq!(source.info().turned, along_y);
+    assert!(said(&source.info().notes).contains("turned round along y as those are; `flip` y keeps the file's order"));
+    let flipped = OpenOptions { flip: Some(along_y), ..options(along_y) };
+    assert_eq!(values(&*opened(&path, &flipped)), plain);
+    assert_eq!(values(&*opened(&placed, &options(along_y))), values(&*opened(&placed, &options([false; 3]))));
+    assert_eq!(opened(&placed, &options([false; 3])).info().turned, along_y);
+    let told = OpenOptions { origin: Some(DVec3::ZERO), ..options(along_y) };
+    let message = open_any(&[path], &told).err().unwrap().to_string();
+    assert!(
+        message.contains("turned round along y") && message.contains("without `spacing` and `origin`"),
+        "{message}"
+    );
+}
+
+/// Packed 64-bit numbers in a store's type: their fill value becomes that of the store, and no number does.
+#[test]
+fn fills_of_wide_numbers_become_that_of_the_steps_before() {
+    use crate::options::HeldAs;
+    let opened = |numbers: &[i64], nodata| {
+        let data = numbers.iter().flat_map(|number| number.to_be_bytes()).collect();
+        let fill = ("_FillValue", Value::Doubles(vec![-999.0]));
+        let scale = ("scale_factor", Value::Doubles(vec![2.0]));
+        let (_folder, path) = temp_file("a.nc", &with(&[fill, scale], 10, data).finish());
+        let options = OpenOptions {
+            held_as: Some(HeldAs { voxel_type: VoxelType::U16, nodata, turned: [false; 3] }),
+            to_voxel_type: Some(VoxelType::U16),
+            variable: Some("a".into()),
+            ..OpenOptions::default()
+        };
+        open_any(&[path], &options).map(|source| (values(&*source), source.info().nodata)).map_err(|e| e.to_string())
+    };
+    assert_eq!(opened(&[1, -999, 300], Some(65534.0)), Ok((vec![2.0, 65534.0, 600.0], Some(65534.0))));
+    assert!(opened(&[1, 32767], Some(65534.0)).unwrap_err().contains("beside 65534"));
+    assert_eq!(opened(&[1, 32767], None), Ok((vec![2.0, 65534.0], None)));
+    assert!(opened(&[1, -999], None).unwrap_err().contains("no data"));
 }
 
 /// Values of the first step, x fastest.

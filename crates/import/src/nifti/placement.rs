@@ -69,7 +69,7 @@ pub(super) fn set_time(header: &Fields, info: &mut SourceInfo, notes: &mut Vec<N
     if unit.is_none() && (step == 1.0 || step == 0.0) && start == 0.0 {
         return;
     }
-    let axis = TimeAxis { start, step, stamps: Vec::new(), unit: unit.map(str::to_owned) };
+    let axis = TimeAxis { start, step, unit: unit.map(str::to_owned), ..TimeAxis::default() };
     match axis.check(info.times) {
         Ok(()) => info.time = Some(axis),
         Err(problem) => notes

@@ -319,7 +319,7 @@ fn set_time_of_space(
         return;
     }
     let step = step.get(3).copied().unwrap_or_default();
-    take_time(TimeAxis { start: start.unwrap_or(0.0), step, stamps: Vec::new(), unit: None }, info, notes);
+    take_time(TimeAxis { start: start.unwrap_or(0.0), step, ..TimeAxis::default() }, info, notes);
 }
 
 /// The time axis from the fields of its own axis.
@@ -338,7 +338,7 @@ fn set_time(header: &Header, axes: &Axes, info: &mut SourceInfo, notes: &mut Vec
         return Ok(());
     }
     let start = samples.start(axis, step).unwrap_or(0.0);
-    take_time(TimeAxis { start, step, stamps: Vec::new(), unit: known.map(str::to_owned) }, info, notes);
+    take_time(TimeAxis { start, step, unit: known.map(str::to_owned), ..TimeAxis::default() }, info, notes);
     Ok(())
 }
 

@@ -1,5 +1,6 @@
 //! Series of more files than may be open, of compressed ones, and of changing ones.
 
+use super::one_type::Encoding;
 use crate::open::open;
 use crate::options::OpenOptions;
 use crate::source::Source;
@@ -310,4 +311,80 @@ fn steps_of_other_places_are_refused() {
     assert!(message.contains("s1.vtk: its first voxel lies at [1, 0, 0], but that of") && message.contains("`origin`"));
     let told = OpenOptions { origin: Some(glam::DVec3::ZERO), ..OpenOptions::default() };
     assert_eq!(open(&paths, &told).unwrap().info().times, 2);
+}
+
+/// A NIfTI file of one row of i16 with a scale of its own.
+fn scaled(slope: f32, voxels: [i16; 3]) -> Vec<u8> {
+    let mut file = nifti([3, 1, 1], [4, 16], &voxels.map(i16::to_le_bytes).concat());
+    file[112..116].copy_from_slice(&slope.to_le_bytes());
+    file
+}
+
+fn written(files: &[Vec<u8>], extension: &str) -> (tempfile::TempDir, Vec<PathBuf>) {
+    let folder = tempfile::tempdir().unwrap();
+    let paths: Vec<PathBuf> = (0..files.len()).map(|i| folder.path().join(format!("s_{i}.{extension}"))).collect();
+    paths.iter().zip(files).for_each(|(path, bytes)| std::fs::write(path, bytes).unwrap());
+    (folder, paths)
+}
+
+fn row(source: &dyn Source, time: u32) -> Vec<f64> {
+    let full = source.info().extent.full_box();
+    let mut out = vec![0; full.extent().volume() as usize * source.info().voxel_type.bytes()];
+    source.read_box(time, 0, full, &mut out).unwrap();
+    (0..full.extent().volume() as usize).map(|i| source.info().voxel_type.read(&out, i)).collect()
+}
+
+#[test]
+fn steps_of_unlike_scales_become_one_type() {
+    let none = OpenOptions::default();
+    let unsigned = nifti([3, 1, 1], [0, 16], &[1u16, 2, 60000].map(u16::to_le_bytes).concat());
+    let unsigned = [&unsigned[..70], &512i16.to_le_bytes(), &unsigned[72..]].concat();
+    let (_folder, paths) = written(&[scaled(1.0, [1, -2, 3]), scaled(0.5, [1, -2, 3]), unsigned], "nii");
+    let source = open(&paths, &none).unwrap();
+    assert_eq!(source.info().voxel_type, VoxelType::F32);
+    assert_eq!(row(&*source, 0), [1.0, -2.0, 3.0]);
+    assert_eq!(row(&*source, 1), [0.5, -1.0, 1.5]);
+    assert_eq!(row(&*source, 2), [1.0, 2.0, 60000.0]);
+    let notes = said(&source.info().notes);
+    assert!(notes.contains("The files' voxels are i16, f32, u16 and become f32."), "{notes}");
+    // Of integers alone an integer; another type by the caller's word, without a loss or with its place.
+    let integers = [paths[0].clone(), paths[2].clone()];
+    let source = open(&integers, &none).unwrap();
+    assert_eq!((source.info().voxel_type, row(&*source, 1)), (VoxelType::I32, vec![1.0, 2.0, 60000.0]));
+    let to = |voxel_type| OpenOptions { to_voxel_type: Some(voxel_type), ..OpenOptions::default() };
+    let message = open(&integers, &to(VoxelType::I16)).err().unwrap().to_string();
+    assert!(message.contains("s_2.nii") && message.contains("60000 (voxel 2,0,0"), "{message}");
+    let floats = open(&integers, &to(VoxelType::F32)).unwrap();
+    assert_ne!(floats.info().identity, source.info().identity, "a resumed pack has one type");
+    // Steps that are not taken may hold anything.
+    let first = OpenOptions {
+        take_time: Some(crate::choice::StepChoice { first: 0, end: Some(1), stride: 1 }),
+        ..to(VoxelType::I16)
+    };
+    assert_eq!(row(&*open(&integers, &first).unwrap(), 0), [1.0, -2.0, 3.0]);
+}
+
+/// Files of a TIFF's tag for no data, each with its own, beside a caller's value.
+#[test]
+fn unlike_marks_become_nan_or_the_callers() {
+    let alike = Encoding { voxel_type: VoxelType::I16, nodata: Some(-9.0), knows_nodata: false };
+    let other = Encoding { nodata: Some(-8.0), ..alike };
+    let paths = ["a", "b"].map(PathBuf::from);
+    let of_all =
+        |all: &[Encoding], options: &OpenOptions| Encoding::of_all(all, &paths, options).map_err(|e| e.to_string());
+    let none = OpenOptions::default();
+    assert_eq!(of_all(&[alike, alike], &none), Ok(None));
+    let message = of_all(&[alike, other], &none).unwrap_err();
+    assert!(
+        message.contains("b: marks") && message.contains("`nodata`") && message.contains("`to_voxel_type` f32"),
+        "{message}"
+    );
+    let floats = OpenOptions { to_voxel_type: Some(VoxelType::F32), ..none.clone() };
+    let nan = Some(Encoding { voxel_type: VoxelType::F32, nodata: None, knows_nodata: true });
+    assert_eq!(of_all(&[alike, other], &floats), Ok(nan));
+    let float = Encoding { voxel_type: VoxelType::F32, nodata: Some(1e20), knows_nodata: false };
+    assert_eq!(of_all(&[float, alike], &none), Ok(nan));
+    let unsigned = Encoding { voxel_type: VoxelType::U32, nodata: None, knows_nodata: false };
+    let signed = Encoding { voxel_type: VoxelType::I32, ..unsigned };
+    assert!(of_all(&[unsigned, signed], &none).unwrap_err().contains("`to_voxel_type`"));
 }

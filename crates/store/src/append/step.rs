@@ -4,7 +4,7 @@ use super::AppendError;
 use crate::metadata::StoreInfo;
 use crate::pack::plan::MAX_STAMPS;
 use crate::store::Store;
-use brickyard_import::{Described, Source, SourceInfo};
+use brickyard_import::{Described, Source, SourceInfo, TimeSpan, axes_in_words};
 use brickyard_volume::{Geometry, TimeAxis, counted};
 
 /// Allowed deviation of steps' spacings and origins, as a fraction of a voxel.
@@ -17,7 +17,10 @@ pub(super) type Step<'a> = Described<&'a dyn Source>;
 /// step 1 after the last.
 pub(super) fn first_step(source: &dyn Source, stamp: Option<f64>) -> Result<Step<'_>, AppendError> {
     let mut info = one_step(source)?.clone();
-    let axis = info.time.take().unwrap_or_default();
+    // A time in no known unit may be a mere number.
+    let own = source.step_time().stamp.filter(|own| stamp.is_none() && info.time.is_none() && own.unit.is_some());
+    info.notes.extend(own.as_ref().map(TimeSpan::taken));
+    let axis = info.time.take().or_else(|| own.map(|own| own.axis())).unwrap_or_default();
     info.time = Some(TimeAxis { start: stamp.unwrap_or(axis.start), ..axis });
     Ok(Step { info, source, first: 0 })
 }
@@ -71,7 +74,8 @@ fn check(step: &SourceInfo, store: &Store) -> Result<(), AppendError> {
         return differs("shape (x, y, z)", step.extent.to_string(), extent.to_string());
     }
     if step.voxel_type != store.voxel_type() {
-        return differs("voxel type", step.voxel_type.to_string(), store.voxel_type().to_string());
+        let expected = format!("{0} (`to_voxel_type` {0} converts the step)", store.voxel_type());
+        return differs("voxel type", step.voxel_type.to_string(), expected);
     }
     if step.channels != store.channels() {
         return differs("number of channels", step.channels.to_string(), store.channels().to_string());
@@ -113,6 +117,9 @@ fn check(step: &SourceInfo, store: &Store) -> Result<(), AppendError> {
         let expected = format!("{} (write the step with these channels, in this order)", in_a_row(ours));
         return differs("list of channels", found, expected);
     }
+    if let Some((found, expected)) = unlike_order(step, store) {
+        return differs("order of voxels", found, expected);
+    }
     let nodata = store_nodata(store);
     // If the source declares a no-data value, this one only means that some floats are left out, as they are here.
     let is_left_out = step.knows_nodata && step.voxel_type.is_float() && nodata.is_some();
@@ -130,8 +137,55 @@ fn check(step: &SourceInfo, store: &Store) -> Result<(), AppendError> {
     Ok(())
 }
 
+/// The order in which a step's voxels come, and the one expected, if they may lie in other places than those of one
+/// number in the store's files. An orientation, and coordinates, tell the places; a flip of the store is the caller's.
+fn unlike_order(step: &SourceInfo, store: &Store) -> Option<(String, String)> {
+    let StoreInfo { turned, flipped, calibrated, .. } = *store.info();
+    if step.orientation.is_some() {
+        return None;
+    }
+    if flipped != [false; 3] && step.flip.is_none() {
+        let axes = axes_in_words(flipped);
+        let expected = format!(
+            "turned round by `flip` {axes}: pass `flip` {axes} for a file in the order of the first one, `flip` none for \
+             one in the order of the store"
+        );
+        return Some(("its file's".into(), expected));
+    }
+    let has_place = step.calibrated || step.says_origin;
+    if step.turned == turned || has_place && calibrated {
+        return None;
+    }
+    let in_words = |turned: [bool; 3]| match turned {
+        [false, false, false] => "that of the file".to_owned(),
+        turned => format!("turned round along {}, as the coordinates descend", axes_in_words(turned)),
+    };
+    let way_on = "give the file such coordinates, or pack it by itself";
+    Some((in_words(step.turned), format!("{}; {way_on}", in_words(turned))))
+}
+
 fn in_a_row<'a>(names: impl Iterator<Item = Option<&'a str>>) -> String {
     names.map(|name| name.unwrap_or("(no name)")).collect::<Vec<_>>().join(", ")
+}
+
+/// The time of a file's only step in a store, and a remark on it. It is left out, `None`, unless it counts as the
+/// store's times do and is later.
+pub(super) fn own_time(store: &Store, source: &dyn Source) -> Option<(Option<f64>, String)> {
+    let own = source.step_time().stamp.filter(|own| own.unit.is_some() || own.since.is_some())?;
+    let words = own.in_words();
+    let last = store.times().saturating_sub(1);
+    let problem = match store.time_axis() {
+        Some(axis) if own.is_on(axis) && own.number > axis.at(last) => {
+            return Some((Some(own.number), own.taken().to_string()));
+        }
+        Some(axis) if own.is_on(axis) => format!("it is not after {} of step {last}", axis.at(last)),
+        Some(TimeAxis { unit, since, .. }) => {
+            let since = since.as_deref().unwrap_or("no known moment");
+            format!("the store's times are in {} and count from {since}", unit.as_deref().unwrap_or("no unit"))
+        }
+        None => return None,
+    };
+    Some((None, format!("The file's own time, {words}, is left out: {problem}; `stamp` gives the step's time.")))
 }
 
 /// The time axis of a store with one more step, taken at `stamp`. `said` is the source's own axis: if its start equals
@@ -153,11 +207,16 @@ pub(super) fn next_axis(
         let ours = axis.unit.as_deref().unwrap_or("no unit");
         return time(format!("the unit of the store, {ours}"), unit.clone());
     }
+    let is_since = |since: &&String| Some(*since) != axis.since.as_ref() && stamp.is_none();
+    if let Some(since) = said.and_then(|said| said.since.as_ref()).filter(is_since) {
+        let ours = axis.since.as_deref().unwrap_or("no known moment");
+        return time(format!("one since {ours}, as in the store (`stamp` gives it)"), format!("one since {since}"));
+    }
     let stamp = match (stamp, said) {
         (Some(stamp), _) => stamp,
         (None, Some(said)) if said.start != axis.start => said.start,
         (None, _) if !axis.stamps.is_empty() => {
-            return time("one, as the steps are not evenly spaced".into(), "none".into());
+            return time("one, as the steps are not evenly spaced (`stamp` gives it)".into(), "none".into());
         }
         (None, Some(said)) if (said.step - axis.step).abs() > TOLERANCE * axis.step => {
             return time(format!("steps {} apart", axis.in_words(axis.step)), axis.in_words(said.step));

@@ -6,7 +6,7 @@ use crate::pack::tests::trial::Trial;
 use crate::pack::tests::{Array, CancelledAtOnce, assert_same, files, level_voxels, mean_and_max, options, value};
 use crate::pack::{PackPlan, pack};
 use crate::verify::{documents as written, verify};
-use brickyard_import::{Access, ImportError, SourceInfo};
+use brickyard_import::{Access, ImportError, SourceInfo, StepTime, TimeSpan};
 use brickyard_volume::{BrickId, BrickIndex, ChannelLook, Level, Orientation, Voxel, VoxelBox, VoxelType};
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicI64, Ordering};
@@ -867,4 +867,109 @@ fn data_of_a_later_step_are_never_taken_for_none() {
     }
     check::<i16>(-1001.0, true);
     check::<f32>(7.5, false);
+}
+
+#[test]
+fn steps_whose_voxels_may_come_in_another_order_are_refused() {
+    let none = [false; 3];
+    let along_y = [false, true, false];
+    let step = |number, turned, flip, calibrated| {
+        let mut step = byte_step(number);
+        (step.info.turned, step.info.flip, step.info.calibrated) = (turned, flip, calibrated);
+        step
+    };
+    let stored = |turned, flip, calibrated| {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("s.zarr");
+        let first = step(0, turned, flip, calibrated);
+        let appender = Appender::create(&path, &first, None, &byte_options(), &()).unwrap();
+        (dir, appender)
+    };
+    // A flip is said again, or the file's order is told to be that of the store.
+    let (_dir, mut flipped) = stored(none, Some(along_y), true);
+    let message = flipped.append(&step(1, none, None, true), None, &()).unwrap_err().to_string();
+    assert!(message.contains("its order of voxels is its file's") && message.contains("`flip` none"), "{message}");
+    assert!(message.contains("pass `flip` y for a file in the order of the first one"), "{message}");
+    flipped.append(&step(1, none, Some(along_y), true), None, &()).unwrap();
+    flipped.append(&step(2, none, Some(none), true), None, &()).unwrap();
+    assert_eq!(Store::open(flipped.path()).unwrap().info().flipped, along_y);
+    assert_sound(flipped.path(), "flipped");
+    // Coordinates tell each file's places; without them the order is that of the store, or unknown.
+    let (_dir, mut turned) = stored(along_y, None, true);
+    turned.append(&step(1, none, None, true), None, &()).unwrap();
+    turned.append(&step(2, along_y, None, false), None, &()).unwrap();
+    let message = turned.append(&step(3, none, None, false), None, &()).unwrap_err().to_string();
+    assert!(message.contains("that of the file, but") && message.contains("turned round along y"), "{message}");
+    let (_dir, mut plain) = stored(none, None, false);
+    let message = plain.append(&step(1, along_y, None, true), None, &()).unwrap_err().to_string();
+    assert!(message.contains("turned round along y"), "{message}");
+    plain.append(&step(1, none, Some(along_y), false), None, &()).unwrap();
+}
+
+/// A source of one step with the time in its file.
+struct Timed(Array<u8>, f64, Option<&'static str>);
+
+impl Source for Timed {
+    fn info(&self) -> &SourceInfo {
+        self.0.info()
+    }
+
+    fn step_time(&self) -> StepTime {
+        let Self(_, number, since) = *self;
+        let stamp = TimeSpan { number, unit: Some("hour"), since: since.map(str::to_owned) };
+        StepTime { stamp: Some(stamp), increment: None }
+    }
+
+    fn read_box(&self, time: u32, channel: u32, region: VoxelBox, out: &mut [u8]) -> Result<(), ImportError> {
+        self.0.read_box(time, channel, region, out)
+    }
+}
+
+#[test]
+fn a_file_s_own_time_counts_where_it_counts_as_the_store_s() {
+    #[derive(Default)]
+    struct Heard(std::sync::Mutex<Vec<String>>);
+    impl Progress for Heard {
+        fn note(&self, message: &str) {
+            self.0.lock().unwrap().push(message.into());
+        }
+    }
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("s.zarr");
+    let since = Some("1900-01-01");
+    let first = Timed(byte_step(0), 100.0, since);
+    let mut appender = Appender::create(&path, &first, None, &byte_options(), &()).unwrap();
+    let mut add = |number: f64, since, stamp| {
+        let heard = Heard::default();
+        let step = Timed(byte_step(appender.times()), number, since);
+        appender.append(&step, stamp, &heard).map(|_| heard.0.into_inner().unwrap().join(" "))
+    };
+    assert_eq!(add(106.0, since, None).unwrap(), "The step's time is the file's, 106 hour since 1900-01-01.");
+    // Evenly, as the store goes on: the file's time cannot be compared, or is no later.
+    for (number, since, words) in [
+        (500.0, Some("2000-01-01"), "the store's times are in hour and count from 1900-01-01"),
+        (500.0, None, "count from"),
+        (106.0, since, "it is not after"),
+    ] {
+        let note = add(number, since, None).unwrap();
+        assert!(note.contains("is left out") && note.contains(words) && note.contains("`stamp`"), "{note}");
+    }
+    assert_eq!(add(3.0, since, Some(131.0)).unwrap(), "");
+    assert!(add(200.0, Some("2000-01-01"), None).unwrap_err().to_string().contains("`stamp` gives it"));
+    assert!(add(200.0, since, None).is_ok());
+    let store = Store::open(&path).unwrap();
+    let axis = store.time_axis().unwrap();
+    assert_eq!(axis.stamps, [100.0, 106.0, 112.0, 118.0, 124.0, 131.0, 200.0]);
+    assert_eq!((axis.unit.as_deref(), axis.since.as_deref()), (Some("hour"), since));
+    assert_sound(&path, "with times of files");
+    // An axis of several steps, one of which is appended, counts from its own moment.
+    let mut step = byte_step(7);
+    step.info.time = Some(TimeAxis {
+        start: 900.0,
+        unit: Some("hour".into()),
+        since: Some("2000-01-01".into()),
+        ..TimeAxis::default()
+    });
+    let message = appender.append(&step, None, &()).unwrap_err().to_string();
+    assert!(message.contains("one since 1900-01-01") && message.contains("found one since 2000-01-01"), "{message}");
 }

@@ -56,6 +56,7 @@ impl<T: Voxel> Array<T> {
             calibrated: false,
             says_origin: false,
             turned: [false; 3],
+            flip: None,
             orientation: None,
             channel_looks: Vec::new(),
             time: None,
@@ -465,7 +466,7 @@ fn when_steps_were_taken_is_kept_and_is_a_setting() {
     assert!(named.get("time").is_none(), "what is not known must not change the fingerprints of stores that there are");
     assert_eq!(Store::open(&path).unwrap().time_axis(), None);
     let unit = Some("second".to_owned());
-    let even = TimeAxis { start: 0.5, step: 0.25, stamps: Vec::new(), unit };
+    let even = TimeAxis { start: 0.5, step: 0.25, unit, ..TimeAxis::default() };
     assert!(matches!(with(Some(even.clone()), Exists::Resume), Err(PackError::Mismatch { .. })));
     assert!(
         !with(Some(even.clone()), Exists::Overwrite).unwrap().0 && with(Some(even.clone()), Exists::Resume).unwrap().0

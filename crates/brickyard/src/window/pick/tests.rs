@@ -377,6 +377,7 @@ fn packed(folder: &tempfile::TempDir, voxel: fn([u32; 3]) -> u8) -> VolumeSource
         calibrated: true,
         says_origin: false,
         turned: [false; 3],
+        flip: None,
         orientation: None,
         channel_looks: Vec::new(),
         time: None,

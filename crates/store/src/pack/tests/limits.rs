@@ -49,7 +49,7 @@ fn source_info() -> impl Strategy<Value = SourceInfo> {
             let time = time.map(|(start, step, is_irregular)| {
                 let stamps = (0..times).map(|i| start + step * f64::from(i * i)).collect();
                 let stamps = if is_irregular { stamps } else { Vec::new() };
-                TimeAxis { start, step, stamps, unit: unit.clone() }
+                TimeAxis { start, step, stamps, unit: unit.clone(), since: None }
             });
             let mut geometry = Geometry { unit: unit.clone(), ..Geometry::default() };
             *(if is_origin { &mut geometry.origin } else { &mut geometry.spacing }) = numbers.into();
@@ -64,6 +64,7 @@ fn source_info() -> impl Strategy<Value = SourceInfo> {
                 calibrated,
                 says_origin: is_origin,
                 turned: [false; 3],
+                flip: None,
                 orientation,
                 channel_looks: Vec::new(),
                 time,
