@@ -506,7 +506,7 @@ fn requests_that_a_store_cannot_meet() {
             ),
             ("render good.zarr -o o.png -j 100000", USAGE, &["threads from 1 to 1024"]),
             ("probe good.zarr 1,1,99 --time all", USAGE, &["1,1,99", "outside of the volume"]),
-            ("export good.zarr o.raw --channel 1", USAGE, &["channel", "1"]),
+            ("export good.zarr o.raw --channel 1", USAGE, &["no channel '1'", "the store has 0"]),
             ("export good.zarr o.raw --roi 0:41,0:36,0:50", USAGE, &["40"]),
             ("export good.zarr o.raw --roi 5:5,0:36,0:50", USAGE, &["empty"]),
             ("export good.zarr o.raw --roi 0:5,0:5", USAGE, &["x0:x1,y0:y1,z0:z1"]),

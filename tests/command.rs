@@ -104,6 +104,26 @@ fn packing_and_appending_say_what_is_routine() {
     assert!(sandbox.run_ok("verify o.zarr --progress none").contains("1 brick in 1 shard is sound"));
 }
 
+/// Channels have the same names in all commands.
+#[test]
+fn channels_are_exported_by_number_or_name() {
+    let sandbox = Sandbox::in_memory();
+    let text =
+        "{\"shape\": [2, 2, 2], \"dtype\": \"u8\", \"channels\": 3, \"channel_names\": [\"DAPI\", \"actin\", \"2\"]}";
+    sandbox.write("a.raw", [[1; 8], [2; 8], [3; 8]].concat());
+    sandbox.write("a.raw.json", text.as_bytes());
+    sandbox.run_ok("pack a.raw a.zarr --progress none");
+    for (channel, value) in
+        [("", 1), ("--channel 1", 2), ("--channel actin", 2), ("--channel dapi", 1), ("--channel 2", 3)]
+    {
+        sandbox.run_ok(&format!("export a.zarr o.raw --overwrite --progress none {channel}"));
+        assert_eq!(sandbox.read("o.raw"), [value; 8], "{channel}");
+    }
+    let (code, _, said) = sandbox.run("export a.zarr no.raw --channel actn");
+    assert!(code == 2 && said.contains("no channel 'actn', did you mean 'actin'?"), "{code}: {said}");
+    assert!(!sandbox.path("no.raw").exists());
+}
+
 /// A plan alone leaves nothing behind, and is refused like its pack; a store is compared with its input afterwards.
 #[test]
 fn a_pack_is_planned_and_compared() {

@@ -136,15 +136,37 @@ fn doc_comments_open_with_a_noun_and_say_little_of_that_and_what() {
     assert!(problems.is_empty(), "{problems:#?}");
 }
 
+/// The pages in a folder and below.
+fn pages_in(folder: &Path) -> Vec<PathBuf> {
+    let entries = std::fs::read_dir(folder).expect("pages").map(|entry| entry.expect("an entry").path());
+    let each = entries.map(|path| match path.is_dir() {
+        true => pages_in(&path),
+        false => (path.extension().is_some_and(|kind| kind == "md")).then_some(path).into_iter().collect(),
+    });
+    each.flatten().collect()
+}
+
+/// Sentences of a page that open with *What* or *That of*. Questions are none.
+fn openings(prose: &str) -> Vec<&str> {
+    let sentences = prose.split_inclusive(". ").flat_map(|part| part.split("\n\n")).flat_map(|part| part.split("\n- "));
+    let open =
+        sentences.map(str::trim).filter(|sentence| ["What ", "That of "].iter().any(|word| sentence.starts_with(word)));
+    open.collect()
+}
+
 #[test]
-fn the_guide_says_little_of_that_and_what() {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/guide");
+fn the_pages_say_little_of_that_and_what() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
     let mut problems = Vec::new();
-    for entry in std::fs::read_dir(folder).expect("the guide") {
-        let path = entry.expect("a page").path();
+    let mut pages = pages_in(&root.join("docs"));
+    assert!(pages.len() > 40, "{pages:?}");
+    pages.push(root.join("README.md"));
+    for path in pages {
         let text = std::fs::read_to_string(&path).expect("text");
         let prose: String = text.split("```").step_by(2).collect();
-        problems.extend(stilted(&path.file_name().unwrap_or_default().to_string_lossy(), count(&prose)));
+        let name = path.strip_prefix(&root).expect("within").to_string_lossy().into_owned();
+        problems.extend(stilted(&name, count(&prose)));
+        problems.extend(openings(&prose).iter().map(|sentence| format!("{name}: {sentence}")));
     }
     assert!(problems.is_empty(), "{problems:#?}");
 }

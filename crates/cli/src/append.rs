@@ -92,7 +92,7 @@ pub(crate) fn run(arguments: AppendArguments) -> Result<(), Failure> {
         });
         appender = Some(appended.inspect_err(|_| {
             if i > 0 {
-                say!("note: {i} of {} files were appended; go on with {}", files.len(), file.display());
+                say!("note: {i} of {} appended; go on with {}", counted(files.len() as u64, "file"), file.display());
             }
         })?);
     }

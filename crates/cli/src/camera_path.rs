@@ -3,7 +3,7 @@
 use super::Failure;
 use super::step_range::StepRange;
 use brickyard::text_file::read_text;
-use brickyard::volume::{Camera, Projection};
+use brickyard::volume::{Camera, Projection, counted};
 use glam::DVec3;
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
@@ -73,7 +73,8 @@ impl CameraPath {
         }
         match self.steps.iter().find(|(_, step)| *step >= times) {
             Some(&(i, step)) => {
-                Err(bad(i, format!("has time {step}: the store has {times} time steps, numbered from 0")))
+                let steps = counted(times.into(), "time step");
+                Err(bad(i, format!("has time {step}: the store has {steps}, numbered from 0")))
             }
             None => Ok(()),
         }

@@ -4,8 +4,9 @@
 use super::say::say;
 use super::{Failure, heading, values};
 use brickyard::channels::{channel_layers, default_layers};
+use brickyard::import::ChannelChoice;
 use brickyard::session::VolumeSource;
-use brickyard::store::ChannelStatistics;
+use brickyard::store::{ChannelDisplay, ChannelStatistics, Store};
 use brickyard::volume::channel::from_hex;
 use brickyard::volume::{MAX_VOLUMES, Scene, SceneLayer, near_name};
 use clap::Args;
@@ -260,13 +261,20 @@ fn each<T>(
         for i in layers {
             let Some(volume) = volumes.get(scene.store(i)) else { continue };
             let layer = &mut scene.layers[i];
-            if channel.as_ref().is_none_or(|name| find(name, volume) == Some(layer.channel)) {
+            let is_meant = match channel {
+                Some(name) => {
+                    let refuse = |problem| Failure::usage(format!("{flag} {name}=...: {problem}"));
+                    find(name, &names(volume.displays())).map_err(refuse)? == Some(layer.channel)
+                }
+                None => true,
+            };
+            if is_meant {
                 apply(layer, value, volume)?;
                 is_used = true;
             }
         }
         if let (false, Some(name)) = (is_used, channel) {
-            let known = volumes.first().map_or_else(String::new, known_channels);
+            let known = volumes.first().map_or_else(String::new, |volume| known_channels(&names(volume.displays())));
             return Err(Failure::usage(format!("{flag} {name}=...: no channel '{name}' is shown: {known}")));
         }
     }
@@ -294,37 +302,46 @@ fn chosen(text: &str, volume: &VolumeSource) -> Result<Vec<u32>, Failure> {
     if text == "all" {
         return Ok((0..volume.source.channels()).collect());
     }
+    let names = names(volume.displays());
     // A name may contain a comma.
-    if let Some(channel) = find(text, volume) {
+    if let Ok(Some(channel)) = find(text, &names) {
         return Ok(vec![channel]);
     }
-    let one = |name: &str| {
-        find(name, volume).ok_or_else(|| {
-            let near = near_name::hint(name, names(volume).into_iter().flatten());
-            Failure::usage(format!("--channel: no channel '{name}'{near}: {}", known_channels(volume)))
-        })
-    };
-    text.split(',').map(|name| one(name.trim())).collect()
+    text.split(',').map(|name| place_of(name.trim(), &names)).collect()
 }
 
-/// Finds the channel with this name, else with this number, else with this name in another case.
-fn find(text: &str, volume: &VolumeSource) -> Option<u32> {
-    let names = names(volume);
-    let named = |is_it: &dyn Fn(&str) -> bool| {
-        (0..).zip(&names).find(|(_, name)| name.is_some_and(is_it)).map(|(channel, _)| channel)
-    };
-    let numbered = || text.parse().ok().filter(|&channel| channel < volume.source.channels());
-    named(&|name| name == text).or_else(numbered).or_else(|| named(&|name| name.eq_ignore_ascii_case(text)))
+/// The number of a store's channel for `--channel`.
+///
+/// # Errors
+/// If there is no such channel, or several.
+pub(crate) fn channel_of(text: &str, store: &Store) -> Result<u32, Failure> {
+    place_of(text, &names(store.channel_displays()))
 }
 
-fn names(volume: &VolumeSource) -> Vec<Option<&str>> {
-    volume.displays().iter().map(|display| display.name.as_deref()).collect()
+fn place_of(text: &str, names: &[Option<&str>]) -> Result<u32, Failure> {
+    let found = find(text, names).map_err(|problem| Failure::usage(format!("--channel {text}: {problem}")))?;
+    found.ok_or_else(|| {
+        let near = near_name::hint(text, names.iter().copied().flatten());
+        Failure::usage(format!("--channel: no channel '{text}'{near}: {}", known_channels(names)))
+    })
+}
+
+/// The number of the channel with this name or number; `None` if there is none.
+///
+/// # Errors
+/// If there are several.
+fn find(text: &str, names: &[Option<&str>]) -> Result<Option<u32>, String> {
+    text.parse::<ChannelChoice>()?.place_among(names.len() as u32, names)
+}
+
+fn names(displays: &[ChannelDisplay]) -> Vec<Option<&str>> {
+    displays.iter().map(|display| display.name.as_deref()).collect()
 }
 
 /// Lists the existing channels in words.
-fn known_channels(volume: &VolumeSource) -> String {
-    let name = |(i, name): (usize, Option<&str>)| name.map_or_else(|| i.to_string(), |name| format!("{i} '{name}'"));
-    let each: Vec<_> = names(volume).into_iter().enumerate().map(name).collect();
+fn known_channels(names: &[Option<&str>]) -> String {
+    let name = |(i, name): (usize, &Option<&str>)| name.map_or_else(|| i.to_string(), |name| format!("{i} '{name}'"));
+    let each: Vec<_> = names.iter().enumerate().map(name).collect();
     format!("the store has {}", each.join(", "))
 }
 
@@ -357,5 +374,22 @@ mod tests {
         assert_eq!(found, [[0.0, 1.0, 1.0], [0.0, 0.0, 1.0], [1.0, 0.5, 0.0]]);
         assert!(color("gren").unwrap_err().contains("did you mean 'green'?"));
         assert!(color("1:0").is_err());
+    }
+
+    #[test]
+    fn channels_have_numbers_and_names() {
+        let names = [Some("DAPI"), None, Some("gfp"), Some("gfp")];
+        let place = |text: &str| place_of(text, &names).map_err(|failure| failure.message);
+        assert_eq!(
+            ["DAPI", "dapi", "1", "number=3"].map(|text| place(text).ok()),
+            [Some(0), Some(0), Some(1), Some(3)]
+        );
+        let problem = place("dap").unwrap_err();
+        assert_eq!(
+            problem,
+            "--channel: no channel 'dap', did you mean 'DAPI'?: the store has 0 'DAPI', 1, 2 'gfp', 3 'gfp'"
+        );
+        assert_eq!(place("gfp").unwrap_err(), "--channel gfp: is the name of channels 2, 3: give the number of one");
+        assert!(place("").unwrap_err().contains("the number or the name"));
     }
 }

@@ -1,5 +1,6 @@
 //! `brickyard export`: a level, or a box of it, of one time step or several, to a plain file.
 
+use super::channel_args::channel_of;
 use super::interrupt::Interrupt;
 use super::output::may_write_array;
 use super::progress::{Progress, ProgressStyleArgument};
@@ -27,9 +28,9 @@ pub(crate) struct ExportArguments {
     /// Time step N; or several, A:B, A:B:S (B excluded) or all, as an array with time as its slowest axis
     #[arg(help_heading = heading::READ, long, value_name = "N|A:B[:S]|all", default_value = "0", allow_negative_numbers = true)]
     time: StepRange,
-    /// Channel
-    #[arg(help_heading = heading::READ, long, default_value_t = 0)]
-    channel: u32,
+    /// Channel, by number from 0 or by name [default: 0]
+    #[arg(help_heading = heading::READ, long)]
+    channel: Option<String>,
     /// Limit of the process's own memory
     #[arg(help_heading = heading::WORK, long, value_name = "BYTES", default_value = "1GiB", value_parser = values::bytes)]
     memory: u64,
@@ -53,9 +54,10 @@ pub(crate) fn run(arguments: &ExportArguments) -> Result<(), Failure> {
         StepRange::One(step) => ExportTime::Step(step),
         StepRange::Some { .. } => ExportTime::Steps { first, end, stride },
     };
+    let channel = arguments.channel.as_deref().map_or(Ok(0), |text| channel_of(text, &store))?;
     let request = ExportRequest {
         time,
-        channel: arguments.channel,
+        channel,
         level: Level(arguments.level),
         region: arguments.roi,
         overwrite: arguments.overwrite,

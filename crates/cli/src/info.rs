@@ -143,7 +143,10 @@ fn text(info: &Info<'_>, store: &Store) -> String {
     }
     if let Some(apron) = store.apron() {
         let bytes = values::human_bytes(info.apron_bytes);
-        lines.push(format!("  aprons of {} voxels stored, {bytes} in the main pyramid's files", apron.width));
+        lines.push(format!(
+            "  aprons of {} stored, {bytes} in the main pyramid's files",
+            counted(apron.width.into(), "voxel")
+        ));
     }
     if let Some(second) = info.store.downsample.second() {
         let (main, second) = (info.store.downsample.main().name(), second.name());

@@ -278,7 +278,7 @@ fn parts_that_are_not_there_are_refused() {
     }
     for (choice, words) in [
         ("3", &["`take_channel` 3", "3 channels", "DAPI, 488, red"][..]),
-        ("dapi", &["DAPI"]),
+        ("dap", &["did you mean 'DAPI'?"]),
         ("name=1", &["3 channels"]),
         ("number=488", &["3 channels"]),
     ] {
@@ -298,7 +298,8 @@ fn parts_that_are_not_there_are_refused() {
     assert_eq!(with_names(["1", "2", "3"], "number=1"), Ok("2".into()));
     assert_eq!(with_names(["1", "2", "3"], "3"), Ok("3".into()));
     assert_eq!(with_names(["0", "2", "3"], "0"), Ok("0".into()));
-    assert!(with_names(["a", "a", "b"], "a").unwrap_err().contains("give the number"));
+    assert_eq!(with_names(["b", "A", "a"], "B"), Ok("b".into()));
+    assert!(with_names(["a", "a", "b"], "a").unwrap_err().contains("channels 0, 1: give the number"));
 }
 
 fn to(voxel_type: VoxelType) -> OpenOptions {

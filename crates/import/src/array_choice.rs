@@ -62,6 +62,18 @@ pub(crate) fn no_such(file: &Path, name: &str, mut arrays: Vec<Listed>, rest: &s
     ImportError::options(file, problem)
 }
 
+/// The error about a name that several arrays bear.
+pub(crate) fn ambiguous(file: &Path, name: &str, arrays: &[Listed]) -> ImportError {
+    let problem = format!(
+        "`variable` {name}: is the name of {}; name one by its whole path, as in {}::{}: {}",
+        counted(arrays.len() as u64, "dataset"),
+        name_of(file),
+        arrays.first().map_or("name", |first| &first.path),
+        listed(arrays)
+    );
+    ImportError::options(file, problem)
+}
+
 /// The error about a file of several volumes.
 pub(crate) fn several(file: &Path, volumes: &[Listed], rest: &str) -> ImportError {
     let problem = format!(

@@ -163,9 +163,11 @@ impl Sizes {
             ));
         }
         let too_many = || {
+            let [channels, times] =
+                [(channels, "channel"), (times, "time step")].map(|(count, name)| counted(count.into(), name));
             format!(
-                "shape {extent} with {channels} channels and {times} time steps of {element_bytes}-byte voxels is more \
-                 than 2^63 bytes; check the shape"
+                "shape {extent} with {channels} and {times} of {element_bytes}-byte voxels is more than 2^63 bytes; check \
+                 the shape"
             )
         };
         let volume = extent.checked_volume().ok_or_else(too_many)?;

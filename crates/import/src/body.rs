@@ -11,6 +11,7 @@ use crate::options::OpenOptions;
 use crate::raw::{ArrayLayout, RawSource};
 use crate::source::SourceInfo;
 use crate::temporary::unnamed_in;
+use brickyard_volume::{are, counted};
 use std::fs::File;
 use std::io::{BufRead, BufReader, BufWriter, Read, Write};
 use std::path::{Path, PathBuf};
@@ -110,7 +111,7 @@ pub(crate) fn unpacked_note(bytes: u64) -> Note {
 
 /// A warning about bytes after the voxels, if there are any.
 fn trailing_note(bytes: u64) -> Option<Note> {
-    (bytes > 0).then(|| Note::warning(format!("{bytes} bytes after the voxels are ignored.")))
+    (bytes > 0).then(|| Note::warning(format!("{} after the voxels {} ignored.", counted(bytes, "byte"), are(bytes))))
 }
 
 fn end_bytes(array: &ArrayLayout, path: &Path) -> Result<u64> {
@@ -185,9 +186,11 @@ pub(crate) fn check_space(_directory: &Path, _needed: u64) -> Result<()> {
 fn cut_short(array: &ArrayLayout, expected: u64, found: u64) -> String {
     let Sizes { extent, channels, times } = array.sizes;
     let (name, offset, missing) = (array.decode.element.name(), array.offset, expected - found);
+    let [bytes, channels, times] = [(expected, "byte"), (channels.into(), "channel"), (times.into(), "time step")]
+        .map(|(n, noun)| counted(n, noun));
     format!(
-        "cut short: the header implies {expected} bytes ({extent} {name}, {channels} channels, {times} time steps, from \
-         byte {offset}), found {found} ({missing} missing)"
+        "cut short: the header implies {bytes} ({extent} {name}, {channels}, {times}, from byte {offset}), found {found} \
+         ({missing} missing)"
     )
 }
 
@@ -196,6 +199,6 @@ fn human_bytes(bytes: u64) -> String {
     let units = [(1u64 << 30, "GiB"), (1 << 20, "MiB"), (1 << 10, "KiB")];
     match units.into_iter().find(|(size, _)| bytes >= *size) {
         Some((size, unit)) => format!("{:.1} {unit}", bytes as f64 / size as f64),
-        None => format!("{bytes} bytes"),
+        None => counted(bytes, "byte"),
     }
 }

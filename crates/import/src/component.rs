@@ -4,6 +4,7 @@
 #[cfg(test)]
 mod tests;
 
+use crate::choice::{ChannelChoice, names_of};
 use crate::error::{ImportError, Result};
 use crate::labels::SaidKind;
 use crate::note::Note;
@@ -51,8 +52,9 @@ impl Component {
         }
         let listed = names.join(", ");
         let of = match of_name(known, component) {
-            Some(of) => of,
-            None => return refuse(format!("expected a channel's name or number ({listed}), magnitude or phase")),
+            Ok(Some(of)) => of,
+            Ok(None) => return refuse(format!("expected a channel's name or number ({listed}), magnitude or phase")),
+            Err(problem) => return refuse(problem),
         };
         if of == Of::Phase && known.channels != 2 {
             return refuse(format!(
@@ -153,16 +155,17 @@ fn name_of(info: &SourceInfo, channel: u32) -> String {
     name.unwrap_or_else(|| channel.to_string())
 }
 
-/// The component so called: names come before numbers, and these before words.
-fn of_name(info: &SourceInfo, component: &str) -> Option<Of> {
-    let is_it = |look: &ChannelLook| look.name.as_deref() == Some(component);
-    if let Some(channel) = info.channel_looks.iter().position(is_it) {
-        return u32::try_from(channel).ok().map(Of::Channel);
-    }
+/// The component so called; `None` if there is none. A channel of the very name comes before the words.
+///
+/// # Errors
+/// If several channels are so called.
+fn of_name(info: &SourceInfo, component: &str) -> Result<Option<Of>, String> {
+    let names = names_of(info);
     match component {
-        "magnitude" => Some(Of::Magnitude),
-        "phase" => Some(Of::Phase),
-        number => number.parse().ok().filter(|channel| *channel < info.channels).map(Of::Channel),
+        "magnitude" | "phase" if !names.contains(&Some(component)) => {
+            Ok(Some(if component == "phase" { Of::Phase } else { Of::Magnitude }))
+        }
+        _ => Ok(component.parse::<ChannelChoice>()?.place_among(info.channels, &names)?.map(Of::Channel)),
     }
 }
 

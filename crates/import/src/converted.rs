@@ -11,7 +11,7 @@ use crate::options::OpenOptions;
 use crate::part::Part;
 use crate::source::{Access, Source, SourceInfo};
 use brickyard_volume::numbers::exact;
-use brickyard_volume::{Extent, VoxelBox, VoxelType};
+use brickyard_volume::{Extent, VoxelBox, VoxelType, counted};
 use std::path::{Path, PathBuf};
 
 /// Most bytes of a piece, except of planes that are decoded as a whole.
@@ -187,10 +187,10 @@ impl Lost {
         };
         let lost = [(self.clamped, "clamped to its limits"), (self.rounded, "rounded to the nearest")];
         let lost = lost.iter().filter(|(count, _)| *count > 0).map(|(count, what)| format!("{count} {what}"));
-        let (lost, count) = (lost.collect::<Vec<_>>().join(", "), self.count);
+        let (lost, values) = (lost.collect::<Vec<_>>().join(", "), counted(self.count, "value"));
         let value = exact(*value, from.is_float());
         let text = format!(
-            "Voxels are {from} and become {to}: of {count} values, {lost} (such as {value} of voxel {x},{y},{z}, \
+            "Voxels are {from} and become {to}: of {values}, {lost} (such as {value} of voxel {x},{y},{z}, \
              channel {channel}, time step {time})."
         );
         Note::of_changed(self.clamped.saturating_add(self.rounded), text)

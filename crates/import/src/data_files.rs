@@ -9,6 +9,7 @@ use crate::gzip::GzipMembers;
 use crate::note::Note;
 use crate::raw::ArrayLayout;
 use crate::stamp::Stamp;
+use brickyard_volume::counted;
 use flate2::bufread::ZlibDecoder;
 use std::fs::File;
 use std::io::{self, BufRead, BufReader, Read, Seek, SeekFrom};
@@ -106,7 +107,10 @@ impl DataFiles {
             }
         }
         if longer > 0 {
-            notes.push(Note::warning(format!("Bytes after the voxels are ignored in {longer} of {count} data files.")));
+            notes.push(Note::warning(format!(
+                "Bytes after the voxels are ignored in {longer} of {}.",
+                counted(count, "data file")
+            )));
         }
         let stream = Joined { files: self.clone(), part_bytes, next: 0, part: None };
         Ok(Body::Joined { path: header.to_owned(), files: count, stream: Box::new(stream) })
@@ -269,7 +273,7 @@ impl Read for Joined {
             };
             if count == 0 {
                 let (bytes, left) = (self.part_bytes, part.left);
-                let problem = format!("cut short: expected {bytes} bytes, {left} are missing");
+                let problem = format!("cut short: expected {}, {left} missing", counted(bytes, "byte"));
                 return Err(about(io::Error::new(io::ErrorKind::UnexpectedEof, problem)));
             }
             part.left -= count as u64;

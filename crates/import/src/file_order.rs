@@ -61,9 +61,7 @@ impl FileList {
             Some(FileOrder::Natural) => return Ok(list.into()),
             None if is_natural || is_alphabetical => {}
             _ => {
-                let (first, last) = (name_of(&paths[0]), name_of(&paths[paths.len() - 1]));
-                let note = format!("{} files in the order given, from {first} to {last}.", paths.len());
-                return Ok(Self { paths: paths.to_vec(), note });
+                return Ok(Self { paths: paths.to_vec(), note: order_note(paths, "in the order given") });
             }
         }
         if !is_natural {
@@ -149,10 +147,21 @@ impl ByNumbers {
 
 impl From<ByNumbers> for FileList {
     fn from(list: ByNumbers) -> Self {
-        let ends = [list.paths.first(), list.paths.last()].map(|path| path.map_or(String::new(), |path| name_of(path)));
-        let how = if list.is_by_values { ", by decimal numbers in their names" } else { "" };
-        let note = format!("{} files in natural order{how}, from {} to {}.", list.paths.len(), ends[0], ends[1]);
+        let how = match list.is_by_values {
+            true => "in natural order, by decimal numbers in their names",
+            false => "in natural order",
+        };
+        let note = order_note(&list.paths, how);
         Self { paths: list.paths, note }
+    }
+}
+
+/// The number of files, their order, and the first and the last.
+fn order_note(paths: &[PathBuf], order: &str) -> String {
+    match paths {
+        [] => "No file.".into(),
+        [only] => format!("1 file, {}.", name_of(only)),
+        [first, .., last] => format!("{} files {order}, from {} to {}.", paths.len(), name_of(first), name_of(last)),
     }
 }
 

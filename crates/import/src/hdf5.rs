@@ -36,7 +36,7 @@ use crate::raw::identity;
 use crate::source::{Source, SourceInfo};
 use attributes::named;
 use bdv::Views;
-use brickyard_volume::ChannelLook;
+use brickyard_volume::{ChannelLook, counted};
 use file::File;
 pub(crate) use file::is_hdf5;
 use layout::{Elements, elements_of};
@@ -82,7 +82,8 @@ fn open_in(file: &File, options: &OpenOptions) -> Result<Box<dyn Source>> {
     let (entry, mut notes) = match &options.variable {
         Some(name) => {
             tree.adopt(file, name);
-            (tree.named(file, name)?, Vec::new())
+            let entry = tree.named(file, name)?;
+            (entry, tree.note_on(entry, name).into_iter().collect())
         }
         None if imaris::is_imaris(&tree) => return imaris::open(file, &tree, options),
         None => {
@@ -163,7 +164,7 @@ fn arrange(
 ) -> Result<(Vec<Axis>, Sizes)> {
     let (shape, what) = (entry.set.shape(), &entry.path);
     if !(2..=5).contains(&shape.len()) {
-        let feature = format!("{what}, of {} axes (2 to 5 are read),", shape.len());
+        let feature = format!("{what}, of {} (2 to 5 are read),", counted(shape.len() as u64, "axis"));
         return Err(ImportError::unsupported_but(&file.path, feature, "name another dataset with `variable`"));
     }
     let order = order_of(dims, shape, options.axes.as_ref());

@@ -8,7 +8,7 @@ use crate::error::{ImportError, Result};
 use crate::files::name_of;
 use crate::note::Note;
 use crate::options::OpenOptions;
-use brickyard_volume::{VoxelType, with_voxel_type};
+use brickyard_volume::{VoxelType, counted, with_voxel_type};
 use std::path::Path;
 
 /// Counts the numbers of an input that do not fit its voxels.
@@ -290,11 +290,11 @@ impl<'a> Losses<'a> {
         };
         let mut name = name_of(self.first_path);
         if self.files_before > 0 {
-            name += &format!(" and {} files more", self.files_before);
+            name += &format!(" and {} more", counted(self.files_before as u64, "file"));
         }
-        let (count, lost) = (self.count, lost.join(", "));
+        let (values, lost) = (counted(self.count, "value"), lost.join(", "));
         let text =
-            format!("Voxels are {from} and are held as {to}: of {count} values in {name}, {lost} (such as {example}).");
+            format!("Voxels are {from} and are held as {to}: of {values} in {name}, {lost} (such as {example}).");
         Note::of_changed(self.beyond.saturating_add(self.rounded), text)
     }
 }

@@ -21,7 +21,7 @@ use crate::note::Note;
 use crate::options::OpenOptions;
 use crate::raw::{ArrayLayout, RawSource, identity};
 use crate::source::{Source, SourceInfo};
-use brickyard_volume::VoxelType;
+use brickyard_volume::{VoxelType, counted};
 use header::{Header, Kind, Variable};
 use std::path::Path;
 
@@ -55,7 +55,7 @@ fn open_in(path: &Path, file: &MappedFile, options: &OpenOptions) -> Result<Box<
     };
     if header.is_streamed && variable.is_record {
         let records = variable.shape[0];
-        notes.push(Note::warning(format!("The number of records was never written: {records} lie in the file.")));
+        notes.push(Note::warning(format!("The number of records was never written: the file has room for {records}.")));
     }
     let minc = minc::image_of(&header, variable);
     let dims: Vec<Dim> = match &minc {
@@ -162,7 +162,7 @@ fn dim(header: &Header<'_>, name: &str, size: u64) -> Dim {
 fn arrange(path: &Path, variable: &Variable, dims: &[Dim], options: &OpenOptions) -> Result<(Vec<Axis>, Sizes)> {
     let (shape, name) = (&variable.shape, &variable.name);
     if !(2..=5).contains(&shape.len()) {
-        let feature = format!("{name}, of {} axes (2 to 5 are read),", shape.len());
+        let feature = format!("{name}, of {} (2 to 5 are read),", counted(shape.len() as u64, "axis"));
         return Err(ImportError::unsupported_but(path, feature, "name another variable with `variable`"));
     }
     let order = order_of(dims, shape, options.axes.as_ref());

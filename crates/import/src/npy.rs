@@ -10,7 +10,7 @@ use crate::note::Note;
 use crate::options::OpenOptions;
 use crate::raw::{ArrayLayout, RawSource, identity};
 use crate::source::SourceInfo;
-use brickyard_volume::{VoxelType, counted};
+use brickyard_volume::{VoxelType, are, counted};
 use std::io::Read;
 use std::path::Path;
 
@@ -37,8 +37,9 @@ pub(crate) fn open(path: &Path, options: &OpenOptions) -> Result<RawSource> {
         );
         return Err(ImportError::invalid(path, problem));
     }
-    let trailing = format!("{} bytes after the array are ignored.", found.saturating_sub(expected));
-    let trailing = (found > expected).then(|| Note::warning(trailing));
+    let trailing = found.saturating_sub(expected);
+    let ignored = || format!("{} after the array {} ignored.", counted(trailing, "byte"), are(trailing));
+    let trailing = (trailing > 0).then(|| Note::warning(ignored()));
     let info = SourceInfo {
         identity: identity(&format!("npy {}", array.axes), &[path])?,
         notes: trailing.into_iter().collect(),
@@ -63,8 +64,8 @@ fn arrange(shape: &[u64], axes: Option<&AxisOrder>) -> Result<AxisOrder, String>
     let usual = || AxisOrder::usual(shape.len());
     let Some(axes) = axes.cloned().or_else(usual) else {
         return Err(format!(
-            "shape {shape:?} has {} dimensions; name them with `axes`, slowest first, such as tzyx or czyx",
-            shape.len()
+            "shape {shape:?} has {}; name them with `axes`, slowest first, such as tzyx or czyx",
+            counted(shape.len() as u64, "dimension")
         ));
     };
     if axes.axes().len() != shape.len() {

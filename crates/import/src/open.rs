@@ -25,6 +25,7 @@ use crate::variable::{check_inputs, split_variable};
 use crate::{
     bov, dicom, envi, grids, hdf5, meta_image, mrc, netcdf, nifti, npy, npz, nrrd, pictures, raw_text, tiff_stack, vtk,
 };
+use brickyard_volume::counted;
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
@@ -311,8 +312,9 @@ fn open_step(path: &Path, format: Format, options: &OpenOptions) -> Result<Box<d
 fn open_raw(path: &Path, options: &OpenOptions) -> Result<RawSource> {
     let Some(layout) = RawLayout::of(options) else {
         let bytes = std::fs::metadata(path).map_err(ImportError::io(path))?.len();
+        let bytes = counted(bytes, "byte");
         let problem =
-            format!("a raw file of {bytes} bytes does not describe its voxels; pass `shape` X,Y,Z and `voxel_type`");
+            format!("a raw file of {bytes} does not describe its voxels; pass `shape` X,Y,Z and `voxel_type`");
         return Err(ImportError::options(path, problem));
     };
     RawSource::mapped(path, &layout)?.with_losses(None, options)

@@ -10,6 +10,7 @@ use crate::mapped::MappedFile;
 use crate::options::{ArrayPlace, ChannelArray, OpenOptions};
 use crate::raw::{RawLayout, RawSource};
 use crate::temporary::unnamed_in;
+use brickyard_volume::counted;
 use std::fs::File;
 use std::io::{ErrorKind, IsTerminal, Read, Write};
 use std::path::{Path, PathBuf};
@@ -79,8 +80,10 @@ fn spooled(mut stream: impl Read, path: &Path, layout: &RawLayout, options: &Ope
         match read_some(&mut stream, &mut buffer[..most], path)? {
             0 => {
                 let problem = format!(
-                    "ended after {copied} bytes, expected {expected} for {} {}: check what is sent, `shape` and `voxel_type`",
-                    layout.extent, layout.element
+                    "ended after {}, expected {expected} for {} {}: check what is sent, `shape` and `voxel_type`",
+                    counted(copied, "byte"),
+                    layout.extent,
+                    layout.element
                 );
                 return Err(ImportError::invalid(path, problem));
             }
@@ -92,8 +95,10 @@ fn spooled(mut stream: impl Read, path: &Path, layout: &RawLayout, options: &Ope
     }
     if read_some(&mut stream, &mut buffer[..1], path)? > 0 {
         let problem = format!(
-            "goes on after the {expected} bytes of {} {}: check `shape` and `voxel_type`, or send these bytes alone",
-            layout.extent, layout.element
+            "goes on after the {} of {} {}: check `shape` and `voxel_type`, or send no more",
+            counted(expected, "byte"),
+            layout.extent,
+            layout.element
         );
         return Err(ImportError::invalid(path, problem));
     }

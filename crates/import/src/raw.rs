@@ -20,7 +20,7 @@ use crate::note::Note;
 use crate::options::OpenOptions;
 use crate::source::{Lent, Source, SourceInfo, Take};
 use crate::step_time::StepTime;
-use brickyard_volume::{Extent, VoxelBox};
+use brickyard_volume::{Extent, VoxelBox, are, counted};
 use misfit::Misfit;
 use spread::Spread;
 use std::path::Path;
@@ -213,7 +213,7 @@ impl RawSource {
         // Whatever the reader checked, every later slice must lie inside the map.
         let needed = array.body_bytes().ok().and_then(|body| body.checked_add(array.offset));
         if needed.is_none_or(|needed| needed > file.len() as u64) {
-            let problem = format!("shrank to {} bytes while it was opened", file.len());
+            let problem = format!("shrank to {} while it was opened", counted(file.len() as u64, "byte"));
             return Err(ImportError::invalid(&file.path, problem));
         }
         Ok(Self { info, file, strides: array.strides(), array, step_time: StepTime::default() })
@@ -437,10 +437,13 @@ pub(crate) fn identity(prefix: &str, paths: &[impl AsRef<Path>]) -> Result<Strin
 
 /// A note about the bytes after the last voxel. Those between steps or channels may end the file, too.
 fn trailing_note(trailing: u64, end: u64, gap: u64) -> Option<Note> {
-    let text = format!("{trailing} bytes after the voxels are ignored; more voxels there have `offset` {end}.");
+    let (bytes, are) = (counted(trailing, "byte"), are(trailing));
     match trailing {
         0 => None,
-        n if n <= gap => Some(Note::new(format!("{n} bytes after the last voxels are ignored."))),
-        _ => Some(Note::warning(text)),
+        n if n <= gap => Some(Note::new(format!("{bytes} after the last voxels {are} ignored."))),
+        _ => {
+            let text = format!("{bytes} after the voxels {are} ignored; more voxels there have `offset` {end}.");
+            Some(Note::warning(text))
+        }
     }
 }

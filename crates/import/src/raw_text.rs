@@ -97,13 +97,8 @@ pub(crate) fn open(path: &Path, told: &OpenOptions) -> Result<RawSource> {
 impl Fields {
     fn read(path: &Path) -> Result<Self> {
         let text = text_of(path, "description of a raw file")?;
-        serde_json::from_str(&text)
-            .map_err(|error| {
-            // Fields are no options, which stand in such quotes.
-            let error = error.to_string().replace('`', "'");
-            let problem = format!("is no description of a raw file: {error}; correct it, or pass `shape` and `voxel_type` with the raw file");
-            ImportError::invalid(path, problem)
-        })
+        let way = "or pass `shape` and `voxel_type` with the raw file; a list of grids has them in \"grids\"";
+        serde_json::from_str(&text).map_err(|error| mistake(path, "description of a raw file", &error, way))
     }
 
     /// The file with the voxels: `named`, if the text was found beside it.
@@ -160,6 +155,14 @@ impl Fields {
         let look = |name: &String| ChannelLook { name: Some(name.clone()), ..ChannelLook::default() };
         Ok(names.iter().map(look).collect())
     }
+}
+
+/// A mistake in a text in JSON, called `kind`, with its line and column. `way` is another way on, or empty.
+pub(crate) fn mistake(path: &Path, kind: &str, error: &serde_json::Error, way: &str) -> ImportError {
+    // Fields are no options, which stand in such quotes.
+    let error = error.to_string().replace('`', "'");
+    let way = if way.is_empty() { String::new() } else { format!(", {way}") };
+    ImportError::invalid(path, format!("a mistake in this {kind}: {error}: correct it there{way}"))
 }
 
 /// A field of words.

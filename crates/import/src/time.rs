@@ -67,8 +67,8 @@ fn read_stamps(path: &Path, times: u32) -> Result<Vec<f64>> {
     });
     let stamps: Vec<f64> = stamps.collect::<Result<_, _>>()?;
     if stamps.len() != times as usize {
-        let (steps, found) = (counted(times.into(), "time step"), stamps.len());
-        let problem = format!("`time_stamps`: holds {found} numbers, but the input has {steps}");
+        let (steps, found) = (counted(times.into(), "time step"), counted(stamps.len() as u64, "number"));
+        let problem = format!("`time_stamps`: holds {found}, but the input has {steps}");
         return Err(ImportError::options(path, problem));
     }
     Ok(stamps)

@@ -68,7 +68,7 @@ pub use channel::ChannelLook;
 pub use clip::{Clip, ClipError, ClipPlane, MAX_CLIP_PLANES, MAX_PLANES};
 pub use combination::Combination;
 pub use compositing::{Blend, VolumeFrame};
-pub use counted::counted;
+pub use counted::{are, counted};
 pub use cut_face::CutFace;
 pub use expression::{Expression, ExpressionError, MAX_VOLUMES, Operand, PrecisionError};
 pub use float_slots::{KeptSlots, Window};

@@ -2,6 +2,7 @@
 
 use super::Attributes;
 use crate::axes::{Axis, AxisOrder};
+use brickyard_volume::counted;
 
 /// Most coordinates read along an axis.
 pub(crate) const MOST_COORDINATES: u64 = 1 << 24;
@@ -88,7 +89,7 @@ pub(crate) fn order_of(dims: &[Dim], shape: &[u64], told: Option<&AxisOrder>) ->
     if let Some(told) = told {
         return match told.axes().len() == shape.len() {
             true => Ok(told.axes().to_vec()),
-            false => Err(format!("`axes` '{told}': the dataset has {} axes, {said}", shape.len())),
+            false => Err(format!("`axes` '{told}': the dataset has {}, {said}", counted(shape.len() as u64, "axis"))),
         };
     }
     let ask = || format!("axes {said} are not all known; name them with `axes`, slowest first, such as tzyx or czyx");

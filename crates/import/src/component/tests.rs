@@ -72,7 +72,7 @@ fn voxels_without_data_have_no_magnitude() {
 }
 
 #[test]
-fn components_are_called_by_name_before_number() {
+fn components_are_called_by_names_before_words() {
     let field = Field { sizes: [4, 3, 2, 2, 1], voxel_type: VoxelType::I16 };
     let bytes = field.bytes("czyx", false);
     let part = |name: &str, bytes: &[u8]| {
@@ -87,7 +87,10 @@ fn components_are_called_by_name_before_number() {
     let (_one, first) = part("1", &bytes[..bytes.len() / 2]);
     let (_two, second) = part("magnitude", &bytes[bytes.len() / 2..]);
     let channels = Box::new(Channels::new(vec![first, second], &OpenOptions::default()).unwrap());
-    let component = Component::new(channels, "1", Path::new("a"), &OpenOptions::default()).unwrap();
+    assert!(of_name(channels.info(), "1").unwrap_err().contains("write number=1 or name=1"));
+    assert_eq!(of_name(channels.info(), "MAGNITUDE"), Ok(Some(Of::Channel(1))));
+    assert_eq!(of_name(channels.info(), "phase"), Ok(Some(Of::Phase)));
+    let component = Component::new(channels, "name=1", Path::new("a"), &OpenOptions::default()).unwrap();
     assert_eq!(component.of, Of::Channel(0));
     assert_boxes(&component, Field { sizes: [4, 3, 2, 1, 1], ..field });
     let Component { source, .. } = component;

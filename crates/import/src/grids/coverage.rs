@@ -7,7 +7,7 @@ use crate::boxes::without;
 use crate::error::{ImportError, Result};
 use crate::note::Note;
 use brickyard_volume::numbers::significant;
-use brickyard_volume::{VoxelBox, counted};
+use brickyard_volume::{VoxelBox, are, counted};
 use std::path::Path;
 
 /// Most operations on boxes: a second's.
@@ -74,7 +74,12 @@ impl Coverage {
     pub(super) fn notes(&self, grids: &[Grid], union: &Union) -> Vec<Note> {
         let mut notes: Vec<Note> = (0..grids.len().min(MOST_TOLD)).map(|i| self.note(i, &grids[i], union)).collect();
         if let Some(others) = grids.len().checked_sub(MOST_TOLD).filter(|others| *others > 0) {
-            notes.push(Note::new(format!("{} more grids are read.", others)));
+            let others = others as u64;
+            notes.push(Note::new(format!(
+                "{} {} read, not listed here.",
+                counted(others, "further grid"),
+                are(others)
+            )));
         }
         if self.left() > 0 {
             let (voxels, percent) = (counted(self.left(), "voxel"), self.percent(self.left()));

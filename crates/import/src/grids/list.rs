@@ -4,7 +4,7 @@ use crate::error::{ImportError, Result};
 use crate::files::{first_bytes, folder_of, name_of};
 use crate::options::{HeldAs, NoData, OpenOptions};
 use crate::pipe::is_pipe;
-use crate::raw_text::{Fields, is_text};
+use crate::raw_text::{Fields, is_text, mistake};
 use crate::sidecar::text_of;
 use crate::source::Source;
 use crate::stamp::Stamp;
@@ -14,6 +14,9 @@ use std::path::{Path, PathBuf};
 
 /// Most grids of a list: all are open at once.
 const MOST_GRIDS: usize = 1024;
+
+/// The text in words.
+const LIST: &str = "list of grids";
 
 /// Bytes in which a text of JSON begins.
 const START_BYTES: usize = 64;
@@ -71,9 +74,8 @@ impl GridList {
     /// If the text is none, or names no file.
     pub(crate) fn read(path: &Path) -> Result<Self> {
         let stamp = Stamp::of(path)?;
-        let text = text_of(path, "list of grids")?;
-        let Text { grids, nodata } = serde_json::from_str(&text)
-            .map_err(|error| ImportError::invalid(path, format!("is no list of grids: {error}; correct it")))?;
+        let text = text_of(path, LIST)?;
+        let Text { grids, nodata } = serde_json::from_str(&text).map_err(|error| mistake(path, LIST, &error, ""))?;
         if grids.is_empty() {
             return Err(ImportError::invalid(path, "lists no grid: name a file for each"));
         }
@@ -151,7 +153,10 @@ fn at_most<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<Fields>, D:
 
         fn visit_seq<A: SeqAccess<'de>>(self, mut grids: A) -> Result<Vec<Fields>, A::Error> {
             let mut all = Vec::new();
-            while let Option::Some(fields) = grids.next_element()? {
+            loop {
+                // Lists written by programs are one line.
+                let of_grid = |error| A::Error::custom(format!("grid {}: {error}", all.len() + 1));
+                let Option::Some(fields) = grids.next_element().map_err(of_grid)? else { return Ok(all) };
                 if all.len() == MOST_GRIDS {
                     return Err(A::Error::custom(format!(
                         "{MOST_GRIDS} grids are the most of a list: join patches first"
@@ -159,7 +164,6 @@ fn at_most<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<Fields>, D:
                 }
                 all.push(fields);
             }
-            Ok(all)
         }
     }
     deserializer.deserialize_seq(Some)

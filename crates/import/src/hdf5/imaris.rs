@@ -15,7 +15,7 @@ use crate::note::{Note, Setting};
 use crate::options::OpenOptions;
 use crate::raw::identity;
 use crate::source::{Source, SourceInfo};
-use brickyard_volume::{ChannelLook, Extent, TimeAxis};
+use brickyard_volume::{ChannelLook, Extent, TimeAxis, counted};
 use std::collections::BTreeSet;
 
 const LEVEL: &str = "/DataSet/ResolutionLevel 0";
@@ -50,7 +50,9 @@ pub(super) fn open(file: &File, tree: &Tree, options: &OpenOptions) -> Result<Bo
         let step = format!("{LEVEL}/TimePoint {time}");
         let found = count_of(file, tree, &step, "Channel ")?;
         if found != channels {
-            return Err(file.damaged(&step, &format!("it has {found} channels, the first step {channels}")));
+            return Err(
+                file.damaged(&step, &format!("it has {}, the first step {channels}", counted(found.into(), "channel")))
+            );
         }
     }
     let set = |time: u32, channel: u32| {
@@ -120,7 +122,7 @@ fn extent_of(file: &File, tree: &Tree, entry: &Entry) -> Result<Extent> {
         }
     };
     if stored.len() != 3 {
-        return Err(file.damaged(&entry.path, &format!("it has {} axes", stored.len())));
+        return Err(file.damaged(&entry.path, &format!("it has {}", counted(stored.len() as u64, "axis"))));
     }
     Ok(Extent::new(size("ImageSizeX", 2)?, size("ImageSizeY", 1)?, size("ImageSizeZ", 0)?))
 }

@@ -315,9 +315,45 @@ fn one_dataset_of_several_is_named() {
     }
     let told = |name: &str| OpenOptions { variable: Some(name.into()), ..OpenOptions::default() };
     assert!(refusal(&path, &told("secondly")).contains("of like names are /second"));
-    assert!(refusal(&path, &told("line")).contains("of 1 axes (2 to 5 are read)"));
+    assert!(refusal(&path, &told("line")).contains("of 1 axis (2 to 5 are read)"));
     let (_other, npy) = temp_file("a.npy", b"\x93NUMPY");
     assert!(refusal(&npy, &told("x")).contains("`variable` is for files of several arrays"));
+}
+
+#[test]
+fn a_name_in_several_groups_is_ambiguous() {
+    let kind = datatype(VoxelType::U8, false);
+    let set = |made: Builder, name, value| made.set(name, &kind, &[2, 2, 2], &[value; 8], Place::Piece);
+    let made = set(Builder::new(), "temp", 1).group("night", 0);
+    let made = set(set(made, "temp", 2), "wind", 3).group("day", 1);
+    let told = |name: &str| OpenOptions { variable: Some(name.into()), ..OpenOptions::default() };
+    let found = |path: &Path, name: &str| {
+        let source = open(path, &told(name)).unwrap();
+        let mut out = [0; 8];
+        source.read_box(0, 0, source.info().extent.full_box(), &mut out).unwrap();
+        (out[0], said(&source.info().notes))
+    };
+    let (night, day, links) = (made.links[0].1, made.links[1].1, made.links.clone());
+    let bytes = made.bytes.clone();
+    let (_folder, path) = temp_file("a.h5", &made.finish());
+    let message = refusal(&path, &told("temp"));
+    assert!(
+        message.contains("`variable` temp: is the name of 2 datasets; name one by its whole path, as in a.h5::/")
+            && message.contains("/night/temp (2 x 2 x 2, u8)")
+            && message.contains("/day/temp (2 x 2 x 2, u8)"),
+        "{message}"
+    );
+    assert!(refusal(&path, &told("/temp")).contains("no such dataset"));
+    assert_eq!(found(&path, "/night/temp"), (1, String::new()));
+    assert_eq!(found(&path, "day/temp"), (2, String::new()));
+    let (value, notes) = found(&path, "wind");
+    assert!(value == 3 && notes.contains("`variable` wind is the dataset /day/wind."), "{notes}");
+    // The root's own comes before others, and a group under two names has its datasets once.
+    let rooted = set(Builder { bytes, links, attributes: Vec::new() }, "temp", 4);
+    let (_folder, path) = temp_file("b.h5", &rooted.again("dawn", day).again("dusk", night).finish());
+    let (value, notes) = found(&path, "temp");
+    assert!(value == 4 && notes.contains("`variable` temp is the dataset /temp."), "{notes}");
+    assert_eq!(found(&path, "/temp").0, 4);
 }
 
 #[test]

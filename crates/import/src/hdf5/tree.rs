@@ -4,9 +4,10 @@ use super::attributes::{number, text, texts};
 use super::file::File;
 use super::links::{Link, links_of};
 use super::types::Stored;
-use crate::array_choice::{Listed, is_shape_of_volume, listed, no_such, none, several};
+use crate::array_choice::{Listed, ambiguous, is_shape_of_volume, listed, no_such, none, several};
 use crate::cf::helpers_of;
 use crate::error::{ImportError, Result};
+use crate::note::Note;
 use hdf5_reader::error::Error;
 use hdf5_reader::group::Group;
 use hdf5_reader::{Attribute, Dataset};
@@ -228,13 +229,29 @@ impl Tree {
             let problem = format!("`variable` {path}: is a group; name a dataset in it: {}", listed(&inside));
             return Err(ImportError::options(&file.path, problem));
         }
-        let mut alike = self.sets.iter().filter(|entry| !name.contains('/') && entry.path.ends_with(&path));
-        if let Some(first) = alike.next()
-            && alike.all(|entry| entry.set.address() == first.set.address())
-        {
-            return Ok(first);
+        let alike: Vec<&Entry> = self.alike(name).collect();
+        match &alike[..] {
+            [] => Err(no_such(&file.path, name, self.listed_sets().map(Entry::listed).collect(), &self.rest())),
+            [first] => Ok(first),
+            alike => Err(ambiguous(&file.path, name, &alike.iter().map(|entry| entry.listed()).collect::<Vec<_>>())),
         }
-        Err(no_such(&file.path, name, self.listed_sets().map(Entry::listed).collect(), &self.rest()))
+    }
+
+    /// Datasets of this name in any group, each once.
+    fn alike(&self, name: &str) -> impl Iterator<Item = &Entry> {
+        let is_name = !name.contains('/');
+        let mut seen = HashSet::new();
+        let end = format!("/{name}");
+        let alike = self.sets.iter().filter(move |entry| is_name && entry.path.ends_with(&end));
+        alike.filter(move |entry| seen.insert(entry.set.address()))
+    }
+
+    /// Tells which dataset a name chose, if the file has others: by a part of its path, or of several with this name.
+    pub(super) fn note_on(&self, entry: &Entry, name: &str) -> Option<Note> {
+        let is_whole = join("", name.trim_matches('/')) == entry.path;
+        let is_choice = !is_whole || self.alike(name).count() > 1;
+        let has_others = self.sets.iter().any(|other| other.is_volume() && other.set.address() != entry.set.address());
+        (is_choice && has_others).then(|| Note::new(format!("`variable` {name} is the dataset {}.", entry.path)))
     }
 
     /// The dataset that the file means, or its only volume; `true` for the latter.

@@ -6,7 +6,7 @@ use crate::element::{Decode, Element, Endian, Scale};
 use crate::error::{ImportError, Result};
 use crate::header_lines::{HeaderLines, counted_names};
 use crate::raw::ArrayLayout;
-use brickyard_volume::VoxelType;
+use brickyard_volume::{VoxelType, counted};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -256,8 +256,8 @@ impl Header {
         if found as u64 == expected {
             return Ok(());
         }
-        let problem =
-            format!("its header names {found} data files of {axes} axes each, but DimSize {sizes:?} needs {expected}");
+        let [files, axes] = [(found, "data file"), (axes, "axis")].map(|(n, noun)| counted(n as u64, noun));
+        let problem = format!("its header names {files} of {axes} each, but DimSize {sizes:?} needs {expected}");
         Err(self.invalid(problem))
     }
 }

@@ -196,7 +196,7 @@ fn data_lie_in_one_file_or_in_several() {
         ("ElementDataFile = s%02d.raw 1 4 1", "s04.raw is missing"),
         ("ElementDataFile = s%02d.raw 3 0 1", "no valid 'ElementDataFile'"),
         ("ElementDataFile = LIST 9", "no valid 'ElementDataFile'"),
-        ("ElementDataFile = LIST\ns00.raw", "1 data files of 2 axes"),
+        ("ElementDataFile = LIST\ns00.raw", "1 data file of 2 axes"),
         ("HeaderSize = 3\nElementDataFile = s%02d.raw 0 3 1", "1 missing"),
         ("CompressedData = True\nElementDataFile = s%02d.raw 0 3 1", "CompressedData in several data files"),
         ("CompressedData = True\nHeaderSize = -1\nElementDataFile = all.zraw", "HeaderSize = -1"),

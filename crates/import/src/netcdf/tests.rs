@@ -546,7 +546,7 @@ fn variables_are_chosen_and_named() {
     let (_folder, path) = temp_file("a.nc", &twice.finish());
     assert!(open(&path, &told("/t2m_error")).is_ok());
     assert!(refusal(&twice.finish(), &told("t2")).contains("of like names are t2m (2 x 3 x 4, i16), t2m_error"));
-    assert!(refusal(&twice.finish(), &told("phi")).contains("of 1 axes"));
+    assert!(refusal(&twice.finish(), &told("phi")).contains("of 1 axis"));
     let text = Made { vars: vec![var("names", &[1, 2], 2, vec![b'a'; 12])], ..made };
     assert!(refusal(&text.finish(), &none).contains("names (3 x 4, characters)"));
     assert!(refusal(&text.finish(), &told("names")).contains("characters of names is not supported"));

@@ -5,7 +5,7 @@ use crate::data_files::{Coding, DataFiles, Start, beside};
 use crate::element::{Decode, Element, Endian};
 use crate::error::{ImportError, Result};
 use crate::header_lines::{HeaderLines, counted_names};
-use brickyard_volume::VoxelType;
+use brickyard_volume::{VoxelType, counted};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -308,7 +308,9 @@ impl Header {
             return Ok(());
         }
         Err(self.invalid(format!(
-            "its header names {found} data files of {subdim} axes each, but sizes {sizes:?} need {expected}"
+            "its header names {} of {} each, but sizes {sizes:?} need {expected}",
+            counted(found as u64, "data file"),
+            counted(subdim as u64, "axis")
         )))
     }
 }

@@ -4,7 +4,7 @@ use super::header::Header;
 use crate::axes::{Axis, AxisOrder, Sizes};
 use crate::error::Result;
 use crate::note::Note;
-use brickyard_volume::ChannelLook;
+use brickyard_volume::{ChannelLook, counted};
 
 const KINDS: &str = "say in `kinds` which axes are space, time and list, one word for each axis";
 
@@ -184,9 +184,10 @@ fn kinds_of(header: &Header, sizes: &[u32]) -> Result<Vec<Kind>> {
             }
         };
         match kind {
-            Kind::Components(count, _) if count != 0 && count != *size => {
-                Err(header.invalid(format!("an axis of kind {word} has {count} samples, but its size is {size}")))
-            }
+            Kind::Components(count, _) if count != 0 && count != *size => Err(header.invalid(format!(
+                "an axis of kind {word} has {}, but its size is {size}",
+                counted(count.into(), "sample")
+            ))),
             kind => Ok(kind),
         }
     };

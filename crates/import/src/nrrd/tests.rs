@@ -347,7 +347,7 @@ fn missing_and_short_data_files_are_named() {
     let (folder, path, _) = in_files("encoding: gzip\ndata file: s%02d.raw 0 3 1\n", gzip);
     std::fs::write(folder.path().join("s02.raw"), gzip(b"short")).unwrap();
     let message = read(&path).err().unwrap();
-    assert!(message.contains("s02.raw: cut short: expected 12 bytes, 7 are missing"), "{message}");
+    assert!(message.contains("s02.raw: cut short: expected 12 bytes, 7 missing"), "{message}");
     let (_folder, path, _) = in_files("encoding: raw\ndata file: s%02d.raw 0 3 1\n", |slice| [slice, b"+"].concat());
     assert!(is_warned(&said(&read(&path).unwrap().info().notes), "ignored in 4 of 4 data files"));
 }

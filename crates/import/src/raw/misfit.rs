@@ -29,20 +29,22 @@ impl Misfit<'_> {
             }
         }
         if offset > 0 {
-            what += &format!(" after {offset} bytes");
+            what += &format!(" after {}", counted(offset, "byte"));
         }
-        let mut message = format!("expected {end} bytes for {what}, found {found} ({difference})");
+        let mut message = format!("expected {} for {what}, found {found} ({difference})", counted(end, "byte"));
         let fits = self.fits();
         if !fits.is_empty() {
             message += &format!("; would fit: {}", fits.join("; "));
         }
         if surplus > 0 {
             let header = surplus + offset;
-            message += &format!("; if the file starts with a header of {header} bytes, pass `offset` {header}");
+            let bytes = counted(header, "byte");
+            message += &format!("; if the file starts with a header of {bytes}, pass `offset` {header}");
             let steps = u64::from(times);
             if steps > 1 && surplus.is_multiple_of(steps) && !self.lies_apart() {
                 let (own, each) = (surplus / steps, (end - offset) / steps);
-                message += &format!("; if {own} bytes belong to each step, pass `step_bytes` {}", each + own);
+                message +=
+                    &format!("; if each step has {} more, pass `step_bytes` {}", counted(own, "byte"), each + own);
                 message += " and as `offset` those before its voxels";
             }
             message += &format!("; to leave out all behind the voxels, pass `offset` {offset}");

@@ -2,6 +2,7 @@
 
 use super::{ArrayLayout, RawLayout};
 use crate::axes::Axis;
+use brickyard_volume::counted;
 
 /// Distances of steps and channels, from the first voxel of one to that of the next, and their sum.
 pub(super) struct Spread {
@@ -49,7 +50,8 @@ impl Spread {
                 }
                 if stride < bytes {
                     return Err(format!(
-                        "`{option}` {stride}: the voxels in between have {bytes} bytes; give at least these"
+                        "`{option}` {stride}: the voxels in between have {}; give at least these",
+                        counted(bytes, "byte")
                     ));
                 }
             }

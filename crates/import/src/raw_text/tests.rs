@@ -86,7 +86,7 @@ fn texts_that_say_too_little_or_too_much_are_refused() {
     let with = |from: &str, to: &str| refusal(&TEXT.replace(from, to));
     assert!(with(r#""unit""#, r#""units""#).contains("unknown field 'units'"));
     assert!(with(r#""times": 3"#, r#""times": 3, "times": 3"#).contains("duplicate field"));
-    assert!(with("[4, 3, 2]", "[4, 3]").contains("a.json: is no description"));
+    assert!(with("[4, 3, 2]", "[4, 3]").contains("a.json: a mistake in this description of a raw file: "));
     assert!(with("i16", "i128").contains("dtype 'i128'"));
     assert!(with("big", "middle").contains("endian 'middle'"));
     assert!(with("tczyx", "tczy").contains("axes 'tczy'"));
@@ -96,7 +96,7 @@ fn texts_that_say_too_little_or_too_much_are_refused() {
     assert!(with("a.raw", "c.raw").contains("c.raw is missing"));
     assert!(with(r#""file": "a.raw","#, "").contains("has no `file`"));
     assert!(with(r#""times": 3"#, r#""times": 4"#).contains("expected 389 bytes"));
-    assert!(refusal("{").contains("is no description"));
+    assert!(refusal("{").contains("a mistake in this description"));
     let folder = written("a.json", &TEXT.replace("a.raw", "c.raw"));
     assert!(opened(&folder.path().join("a.raw")).err().unwrap().contains("describes"));
     let folder = written("a.json", TEXT);

@@ -26,22 +26,31 @@ fn texts_are_refused_by_name() {
     };
     assert_says(&refusal("{\"grids\": []}"), &["g.json", "lists no grid"]);
     assert_says(&refusal("{\"grids\": [{\"shape\": [1, 1, 1]}]}"), &["grid 1 has no \"file\""]);
-    assert_says(&refusal("{\"grids\": [\"a.raw\"]}"), &["g.json: is no list of grids"]);
-    assert_says(&refusal("{\"grids\": 3}"), &["is no list of grids", "a list of grids, as in"]);
-    assert_says(&refusal("{\"grids\": [], \"fill\": 3}"), &["unknown field `fill`"]);
-    assert_says(&refusal("{\"grids\": [{\"file\": \"a\", \"spacin\": [1, 1, 1]}]}"), &["unknown field `spacin`"]);
-    assert_says(&refusal("{\"grids\": [], \"grids\": []}"), &["is no list of grids", "duplicate field"]);
-    assert_says(&refusal("{\"grids\": [{\"file\": \"a.raw\"}"), &["is no list of grids: EOF"]);
+    assert_says(&refusal("{\"grids\": [\"a.raw\"]}"), &["g.json: a mistake in this list of grids: grid 1: "]);
+    assert_says(&refusal("{\"grids\": 3}"), &["list of grids: invalid type", "a list of grids, as in"]);
+    assert_says(&refusal("{\"grids\": [], \"fill\": 3}"), &["unknown field 'fill'"]);
     assert_says(
-        &refusal("{\"grids\": [{\"file\": \"a.raw\", \"spacing\": [1, 1]}]}"),
-        &["is no list of grids", "length 3"],
+        &refusal("{\"grids\": [{\"file\": \"a\"},\n {\"file\": \"b\", \"spacin\": [1, 1, 1]}]}"),
+        &[
+            "list of grids: grid 2: unknown field 'spacin', expected one of 'file', 'shape', ",
+            " at line 2 column 23: correct it there",
+        ],
     );
-    assert_says(&refusal("{\"grids\": [{\"file\": \"a.raw\", \"nodata\": NaN}]}"), &["is no list of grids"]);
+    assert_says(&refusal("{\"grids\": [], \"grids\": []}"), &["duplicate field 'grids' at line 1 column 21"]);
+    assert_says(&refusal("{\"grids\": [{\"file\": \"a.raw\"}"), &["list of grids: ", "EOF while parsing"]);
+    assert_says(&refusal("{\"grids\": [{\"file\": \"a.raw\", \"spacing\": [1, 1]}]}"), &["grid 1: ", "length 3"]);
+    assert_says(
+        &refusal("{\"grids\": [{\"file\": \"a.raw\", \"nodata\": NaN}]}"),
+        &["list of grids: grid 1: expected value at line 1 column 40"],
+    );
     assert_says(&refusal("{\"grids\": [{\"file\": \"no.raw\"}]}"), &["no.raw: No such file"]);
     let many = format!("{{\"grids\": [{}{{}}]}}", "{},".repeat(1024));
     assert_says(&refusal(&many), &["1024 grids are the most"]);
     // Others are texts of raw files, as before.
-    assert_says(&refusal("{\"grid\": []}"), &["is no description of a raw file"]);
+    assert_says(
+        &refusal("{\"grid\": []}"),
+        &["description of a raw file: unknown field 'grid'", "list of grids has them in \"grids\""],
+    );
     assert!(READ.contains("lists of grids"));
 }
 
