@@ -77,6 +77,8 @@ impl<'a> Losses<'a> {
             }
             _ => false,
         };
+        // Its stored number becomes NaN, so that no value can equal it.
+        let is_marked = decode.scale.is_some_and(|scale| scale.absent.is_some());
         // The type of signed labels depends on all of them.
         let is_open = are_labels && (decode.element, decode.scale) == (Element::I64, None);
         (may && (is_open || !options.is_looked_at)).then_some(Self {
@@ -86,7 +88,7 @@ impl<'a> Losses<'a> {
             decode,
             allowed: options.allow_lossy && !are_labels,
             are_labels,
-            nodata: told_nodata(nodata.or(decode.scale.and_then(|scale| scale.nodata)), options),
+            nodata: told_nodata(nodata.filter(|_| !is_marked).or(decode.scale.and_then(|scale| scale.nodata)), options),
             count: 0,
             beyond: 0,
             rounded: 0,

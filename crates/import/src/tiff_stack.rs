@@ -9,6 +9,7 @@
 mod arrange;
 mod calibration;
 mod description;
+mod gdal;
 mod hyperstack;
 mod imagej;
 mod indices;
@@ -102,7 +103,7 @@ impl TiffStack {
     fn new(parts: Parts, description: &Description, options: &OpenOptions) -> Result<Self> {
         let Parts { files, format, map, .. } = &parts;
         let path = &files[0].path;
-        let (scale, note) = description.scale(format.element, format.samples);
+        let (scale, note) = description.scale(format, options.nodata);
         let decode = Decode { element: format.element, endian: Endian::native(), scale };
         let sizes = Sizes { channels: map.sizes.channels.saturating_mul(format.samples as u32), ..map.sizes };
         sizes.checked_bytes(format.element.bytes()).map_err(|p| ImportError::invalid(path, p))?;
@@ -117,7 +118,7 @@ impl TiffStack {
         if format.is_rgb && !are_told {
             info.channel_looks = photograph(&info, format.samples);
         }
-        description.place_values(&mut info, note);
+        description.place_values(&mut info, scale, note);
         if format.samples > 1 {
             let note = format!("Each page holds {} samples a pixel; they are read as channels.", format.samples);
             info.notes.push(Note::new(note));

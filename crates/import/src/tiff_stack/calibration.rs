@@ -1,7 +1,7 @@
-//! ImageJ's value calibration of stored numbers: `cf` names a function, `c0`, `c1`, ... are its coefficients.
+//! Value calibration of stored numbers by ImageJ, where `cf` names a function and `c0`, `c1`, ... are its coefficients, or by GDAL.
 //!
 //! A straight line, `c0 + c1 * stored`, is applied: ImageJ stores signed 16-bit images just so (`c0=-32768`, `c1=1`).
-//! Curves are not applied, with a note. As in ImageJ, only images of 8 and 16 bits are calibrated.
+//! Curves are not applied, with a note. As in ImageJ, only images of 8 and 16 bits are calibrated by it; by GDAL, all are.
 
 use crate::element::{Element, Scale};
 use crate::note::Note;
@@ -29,7 +29,7 @@ const OPTICAL_DENSITY: usize = 21;
 /// Added by ImageJ to signed 16-bit numbers before calibration.
 const SIGNED_OFFSET: f64 = 32768.0;
 
-/// ImageJ's calibration: values of stored numbers.
+/// Values of stored numbers, by ImageJ or GDAL.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Calibration {
     Line {
@@ -38,6 +38,13 @@ pub(super) enum Calibration {
     },
     /// A calibration that is not applied, in words.
     Curve(String),
+    /// GDAL's scale and offset of all samples.
+    Gdal {
+        slope: f64,
+        intercept: f64,
+    },
+    /// Scales of GDAL that are not applied, and why.
+    GdalKept(String),
 }
 
 impl Calibration {
@@ -82,6 +89,11 @@ impl Calibration {
         let (c0, c1) = match self {
             Self::Curve(name) => return kept(&format!("a {name}, is not applied")),
             Self::Line { c0, c1 } => (*c0, *c1),
+            Self::Gdal { slope, intercept } => return Self::by_gdal(element, *slope, *intercept),
+            Self::GdalKept(why) => {
+                let warning = format!("GDAL's scales of values, {why}: values are kept as stored.");
+                return (None, Some(Note::warning(warning)));
+            }
         };
         let intercept = match element {
             _ if samples > 1 => return kept("c0 and c1, is for images of one sample a pixel"),
@@ -95,6 +107,20 @@ impl Calibration {
                 "Values are scaled by {c1} and shifted by {intercept}, as ImageJ's calibration says, and held as {}.",
                 s.to
             ))
+        });
+        (scale, note)
+    }
+
+    fn by_gdal(element: Element, slope: f64, intercept: f64) -> (Option<Scale>, Option<Note>) {
+        let scale = Scale::exact(element, slope, intercept);
+        let is_long = matches!(element, Element::Voxel(VoxelType::I32 | VoxelType::U32));
+        let note = scale.map(|Scale { to, .. }| {
+            let scaled =
+                format!("Values are scaled by {slope} and shifted by {intercept}, as GDAL says, and held as {to}");
+            match is_long && to == VoxelType::F32 {
+                true => Note::warning(format!("{scaled}, rounded to 24 bits.")),
+                false => Note::new(format!("{scaled}.")),
+            }
         });
         (scale, note)
     }

@@ -16,6 +16,7 @@ use crate::options::NoData;
 use crate::source::SourceInfo;
 use crate::spacing::Spacing;
 use crate::step_time::{StepTime, TimeSpan};
+use brickyard_volume::numbers::exact;
 use brickyard_volume::{ChannelLook, Extent, TimeAxis, VoxelType, time_unit};
 
 /// Everything a TIFF file declares beside its pixels.
@@ -36,7 +37,7 @@ pub(super) struct Description {
     pub(super) step_time: StepTime,
     /// Conversion of stored numbers to values; `None` if they are equal.
     pub(super) calibration: Option<Calibration>,
-    /// Unit of the values, if they are calibrated.
+    /// Unit of the values, if they are calibrated or GDAL names one.
     pub(super) value_unit: Option<String>,
     /// Stored number of pixels without data, from GDAL's tag.
     pub(super) nodata: Option<f64>,
@@ -194,17 +195,23 @@ impl Description {
         self.spacing = Some(Spacing { x, y: in_x(y).unwrap_or(x), z: in_x(z) });
     }
 
-    /// Returns the scale of stored numbers to values (`None` if they are equal), and a note for the user, if any.
-    pub(super) fn scale(&self, element: Element, samples: u16) -> (Option<Scale>, Option<Note>) {
-        self.calibration.as_ref().map_or((None, None), |c| c.scale(element, samples))
+    /// Returns the scale of stored numbers to values (`None` if they are equal), and a note for the user, if any. In floats, the stored
+    /// number for no data becomes NaN: scaled and rounded, others may equal it.
+    pub(super) fn scale(&self, format: &PageFormat, nodata: NoData) -> (Option<Scale>, Option<Note>) {
+        let PageFormat { element, samples, .. } = *format;
+        let (scale, note) = self.calibration.as_ref().map_or((None, None), |c| c.scale(element, samples));
+        let [least, greatest] = element.limits();
+        let absent = self.nodata.filter(|stored| nodata == NoData::OfFile && (least..=greatest).contains(stored));
+        let marked = |scale: Scale| Scale { absent: absent.filter(|_| scale.to == VoxelType::F32), ..scale };
+        (scale.map(marked), note)
     }
 
     /// Adds the unit of values to `info`, unless they are kept as stored, with this warning.
-    pub(super) fn place_values(&self, info: &mut SourceInfo, note: Option<Note>) {
-        let is_kept = note.as_ref().is_some_and(Note::is_warning);
+    pub(super) fn place_values(&self, info: &mut SourceInfo, scale: Option<Scale>, note: Option<Note>) {
+        let is_kept = scale.is_none() && note.as_ref().is_some_and(Note::is_warning);
         info.notes.extend(note);
         if let Some(unit) = self.value_unit.as_deref().filter(|_| !is_kept) {
-            info.set_value_unit(unit, "ImageJ's vunit");
+            info.set_value_unit(unit, "ImageJ's vunit or GDAL's unit");
         }
     }
 
@@ -218,7 +225,15 @@ impl Description {
         if nodata != NoData::OfFile {
             return;
         }
-        if let Some(value) = self.nodata_value(scale) {
+        let absent = scale.and_then(|scale| scale.absent).filter(|_| info.voxel_type.is_float());
+        if let Some(stored) = absent {
+            info.knows_nodata = true;
+            let stored = exact(stored, false);
+            let note = format!(
+                "Voxels stored as {stored} hold no data, according to the file (GDAL_NODATA): they become NaN."
+            );
+            info.notes.push(Note::new(note));
+        } else if let Some(value) = self.nodata_value(scale) {
             info.set_nodata(value, "GDAL_NODATA");
         }
         info.knows_nodata |= self.nodata_is_nan;

@@ -121,9 +121,11 @@ pub(crate) fn open_planes(paths: &[PathBuf], options: &OpenOptions) -> Result<Bo
         let [own, other] = [&description, expected].map(|of| (of.spacing, of.unit));
         spacing::check_alike(path, own, &paths[0], other, options)?;
         let first_path = paths[0].display();
-        if description.calibration != expected.calibration {
+        let values = |of: &Description| (of.calibration.clone(), of.value_unit.clone());
+        if values(&description) != values(expected) {
             let problem = format!(
-                "its values are calibrated (ImageJ's c0, c1, cf) unlike those of {first_path}; calibrate all alike"
+                "its values are calibrated (ImageJ's c0, c1, cf, vunit; GDAL's scale, offset, unit) unlike those of \
+                 {first_path}; calibrate all alike"
             );
             return Err(ImportError::invalid(path, problem));
         }
@@ -185,7 +187,7 @@ fn open_contiguous(
         );
         return Err(ImportError::invalid(path, problem));
     }
-    let (scale, note) = description.scale(format.element, format.samples);
+    let (scale, note) = description.scale(format, options.nodata);
     let (offset, endian) = tiff.contiguous_start(format)?;
     let mut sizes = declared.sizes([format.width, format.height]);
     let within = match (format.samples, format.planar) {
@@ -216,7 +218,7 @@ fn open_contiguous(
     }
     let mut info = SourceInfo { identity: identity("tiff contiguous", &[path])?, ..array.info() };
     description.place(&mut info);
-    description.place_values(&mut info, note);
+    description.place_values(&mut info, scale, note);
     let source = RawSource::new(file, array, info)?.with_losses(description.nodata_value(scale), options)?;
     Ok(Box::new(source.described(|info| description.mark(info, scale, options.nodata))))
 }

@@ -3,6 +3,7 @@
 //! OME-XML, which may have many megabytes, is read as a stream; other forms are read whole, up to a limit.
 
 use super::description::{Description, nearest};
+use super::gdal::{self, Told};
 use super::ome;
 use super::page::{OpenTiff, PageFormat, said};
 use super::refusal::is_damage;
@@ -21,6 +22,8 @@ use tiff::tags::{ByteOrder, Tag, Type};
 pub(super) const LONGEST_DESCRIPTION: u64 = 128 << 20;
 /// Most bytes of look-up tables.
 const LONGEST_LOOKS: u64 = 16 << 20;
+/// GDAL's description of samples.
+const GDAL_METADATA: Tag = Tag::Unknown(42112);
 /// Most characters of a number.
 const LONGEST_NUMBER: usize = 64;
 /// Tags of programs with page orders of their own.
@@ -63,6 +66,18 @@ impl OpenTiff {
         let nodata = self.gdal_number()?;
         description.nodata_is_nan = nodata.is_some_and(f64::is_nan);
         description.nodata = nodata.filter(|value| !value.is_nan()).map(|value| nearest(value, format.element));
+        let gdal = self.gdal_values(format.samples)?;
+        match (&description.calibration, &gdal.calibration) {
+            (Some(_), Some(_)) => {
+                let warning = "GDAL's scale of values is not applied, beside ImageJ's calibration of them.";
+                description.notes.push(Note::warning(warning));
+            }
+            (Some(_), None) => {}
+            (None, _) => {
+                description.calibration = gdal.calibration;
+                description.value_unit = description.value_unit.or(gdal.unit);
+            }
+        }
         let looks = self.imagej_looks()?;
         if !looks.is_empty() {
             description.channel_looks = looks;
@@ -209,6 +224,25 @@ impl OpenTiff {
         said(&self.path, tags.find_tag_bytes(Tag::GdalNodata, &mut bytes[..length], 0))?;
         let text = std::str::from_utf8(&bytes[..length]).unwrap_or_default();
         Ok(text.split('\0').next().unwrap_or_default().trim().parse().ok())
+    }
+
+    /// GDAL's meaning of the current page's numbers.
+    pub(super) fn gdal_values(&mut self, samples: u16) -> Result<Told> {
+        let mut tags = self.decoder.image_ifd();
+        let entry = tags.find_entry(GDAL_METADATA).filter(|entry| entry.field_type() == Type::ASCII);
+        let length = entry.map_or(0, |entry| entry.count());
+        if length > gdal::LONGEST {
+            return Ok(Told::unread("which are too long to be read, are not applied"));
+        }
+        if length == 0 {
+            return Ok(Told::default());
+        }
+        let mut bytes = vec![0; length.min(self.stamp.bytes) as usize];
+        if said(&self.path, tags.find_tag_bytes(GDAL_METADATA, &mut bytes, 0))?.is_none() {
+            return Ok(Told::unread("which cannot be read, are not applied"));
+        }
+        let end = bytes.iter().position(|byte| *byte == 0).unwrap_or(bytes.len());
+        Told::read(bytes.get(..end).unwrap_or_default(), samples).map_err(ImportError::io(&self.path))
     }
 
     /// ImageJ's looks of the channels; empty if the file has none.

@@ -1,7 +1,7 @@
 //! Single files are read as described: tifffile's axes, MetaMorph's planes, scales of tags, Orientation, GDAL's value.
 
 use super::*;
-use crate::testing::{is_warned, said};
+use crate::testing::{is_warned, open_in, said};
 
 fn field(z: u32, c: u32, t: u32) -> Field {
     Field { sizes: [7, 5, z, c, t], voxel_type: VoxelType::U16 }
@@ -220,6 +220,77 @@ fn pages_of_one_file_that_say_unlike_things_are_refused() {
         let (_folder, path) = temp_file("a.tif", &pages(&first, &others));
         assert_eq!(opened(&path).unwrap().info().nodata, expected);
     }
+}
+
+fn gdal(items: &[(&str, &str)]) -> (u16, u16, Vec<u64>) {
+    let items = items.iter().map(|(role, text)| format!("<Item name=\"A\" sample=\"0\" role=\"{role}\">{text}</Item>"));
+    let text = format!("<GDALMetadata>{}</GDALMetadata>\n\0", items.collect::<String>());
+    (42112, 2, text.bytes().map(u64::from).collect())
+}
+
+fn text_of(tag: u16, text: &str) -> (u16, u16, Vec<u64>) {
+    (tag, 2, text.bytes().chain([0]).map(u64::from).collect())
+}
+
+#[test]
+fn values_are_scaled_as_gdal_says() {
+    let (_folder, plain) = read(field(2, 1, 1), "z", &Layout::default());
+    let stored = values(&*plain);
+    let scaled = |items: &[(&str, &str)], more: &[(u16, u16, Vec<u64>)], options: &OpenOptions| {
+        let lists = [&[gdal(items)], more].concat();
+        let layout = Layout { other_lists: lists.clone(), lists, ..Layout::default() };
+        open_in(temp_file("a.tif", &written(field(2, 1, 1), "z", &layout)), options).unwrap()
+    };
+    let source = scaled(&[("scale", "0.01"), ("offset", "-273.15"), ("unittype", "degC")], &[], &options());
+    assert_eq!(source.info().voxel_type, VoxelType::F32);
+    for (found, stored) in values(&*source).iter().zip(&stored) {
+        assert_eq!(*found, f64::from((stored * 0.01 - 273.15) as f32));
+    }
+    assert!(notes(&*source).contains("scaled by 0.01 and shifted by -273.15, as GDAL says"), "{}", notes(&*source));
+    let unit = |source: &dyn Source| source.info().channel_looks.first().and_then(|look| look.unit.clone());
+    assert_eq!(unit(&*source).as_deref(), Some("degC"));
+    let whole = scaled(&[("offset", "-5")], &[], &options());
+    assert_eq!(whole.info().voxel_type, VoxelType::I32);
+    assert_eq!(values(&*whole), stored.iter().map(|n| n - 5.0).collect::<Vec<_>>());
+    let unread = scaled(&[("scale", "x"), ("unittype", "m")], &[], &options());
+    assert_eq!((values(&*unread), unit(&*unread)), (stored.clone(), None));
+    assert!(is_warned(&notes(&*unread), "make no values, are not applied: values are kept as stored"));
+    // A unit without a scale is that of the stored numbers.
+    assert_eq!(unit(&*scaled(&[("unittype", "m")], &[], &options())).as_deref(), Some("m"));
+    // The stored number without data becomes NaN; whole values keep one.
+    let nodata = [text_of(42113, &stored[3].to_string())];
+    let source = scaled(&[("scale", "0.5")], &nodata, &options());
+    let is_absent = |(found, stored_now): (&f64, &f64)| found.is_nan() == (*stored_now == stored[3]);
+    assert!(values(&*source).iter().zip(&stored).all(is_absent));
+    assert_eq!((source.info().nodata, source.info().knows_nodata), (None, true));
+    assert!(notes(&*source).contains("GDAL_NODATA): they become NaN"), "{}", notes(&*source));
+    let none = OpenOptions { nodata: NoData::None, ..options() };
+    assert!(values(&*scaled(&[("scale", "0.5")], &nodata, &none)).iter().all(|value| !value.is_nan()));
+    let whole = scaled(&[("scale", "2")], &nodata, &options());
+    assert_eq!(whole.info().nodata, Some(2.0 * stored[3]));
+    let beyond = scaled(&[("scale", "0.5")], &[text_of(42113, "-9999")], &options());
+    assert!(values(&*beyond).iter().all(|value| !value.is_nan()));
+}
+
+#[test]
+fn pages_and_files_that_gdal_scales_unalike_are_refused() {
+    let half = || vec![gdal(&[("scale", "0.5")])];
+    for (first, others) in [(half(), vec![]), (vec![], half()), (half(), vec![gdal(&[("scale", "0.25")])])] {
+        let layout = Layout { lists: first.clone(), other_lists: others.clone(), ..Layout::default() };
+        let message = refusal(&written(field(2, 1, 1), "z", &layout), &options());
+        assert!(message.contains("page 2 has another scale or unit of values than page 1"), "{message}");
+        let folder = tempfile::tempdir().unwrap();
+        for (name, lists) in [("a0.tif", first), ("a1.tif", others)] {
+            let bytes = written(field(1, 1, 1), "z", &Layout { lists, ..Layout::default() });
+            std::fs::write(folder.path().join(name), bytes).unwrap();
+        }
+        let message = opened(folder.path()).err().unwrap().to_string();
+        assert!(message.contains("a1.tif: its values are calibrated") && message.contains("GDAL"), "{message}");
+    }
+    let layout = Layout { lists: vec![gdal(&[("scale", "2")])], ..described("ImageJ=1.53t\nc0=1\nc1=3\n") };
+    let (_folder, source) = read(field(1, 1, 1), "z", &layout);
+    assert!(is_warned(&notes(&*source), "GDAL's scale of values is not applied"));
+    assert!(notes(&*source).contains("scaled by 3 and shifted by 1"));
 }
 
 #[test]
