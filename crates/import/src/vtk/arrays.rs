@@ -135,21 +135,33 @@ pub(super) fn choose<'a>(arrays: &'a [Array], variable: Option<&str>, path: &Pat
             [] => return Err(ImportError::unsupported_but(path, "a grid without arrays", "write it with its values")),
             [one] => one,
             _ => {
-                let Some(scalars) = shown.iter().find(|array| matches!(array.role, Role::Scalars | Role::Colors))
-                else {
-                    let problem = format!(
-                        "holds several arrays, and names none of them as its scalars: {}; choose one with `variable`",
-                        list(&shown)
-                    );
-                    return Err(ImportError::options(path, problem));
-                };
-                let others: Vec<&Array> = shown.iter().copied().filter(|array| array != scalars).collect();
-                notes.push(Note::new(format!(
-                    "The file's scalars {} are read; `variable` chooses another array: {}.",
-                    scalars.described(),
-                    list(&others)
-                )));
-                scalars
+                let scalars = shown.iter().find(|array| matches!(array.role, Role::Scalars | Role::Colors));
+                let numbers: Vec<&Array> = shown.iter().copied().filter(|array| array.element.is_some()).collect();
+                let others_than =
+                    |one: &Array| list(&shown.iter().copied().filter(|array| *array != one).collect::<Vec<_>>());
+                match (scalars, &numbers[..]) {
+                    (Some(scalars), _) => {
+                        let (scalars_are, others) = (scalars.described(), others_than(scalars));
+                        notes.push(Note::new(format!(
+                            "The file's scalars {scalars_are} are read; `variable` chooses another array: {others}."
+                        )));
+                        *scalars
+                    }
+                    (None, [one]) => {
+                        let (array, others) = (one.described(), others_than(one));
+                        notes.push(Note::new(format!(
+                            "The array {array} is read, the only one of numbers; others: {others}."
+                        )));
+                        *one
+                    }
+                    (None, _) => {
+                        let problem = format!(
+                            "holds several arrays, and names none of them as its scalars: {}; choose one with `variable`",
+                            list(&shown)
+                        );
+                        return Err(ImportError::options(path, problem));
+                    }
+                }
             }
         };
         if ghosts.iter().any(|array| array.of == chosen.of) {

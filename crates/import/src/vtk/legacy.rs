@@ -8,7 +8,7 @@ use crate::element::Element;
 use crate::error::{ImportError, Result};
 use brickyard_volume::VoxelType;
 use std::fs::File;
-use std::io::{BufRead, BufReader, Read, Seek, SeekFrom};
+use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
 
 /// Start of every legacy file.
@@ -133,8 +133,50 @@ impl Text<'_> {
                 at.saturating_add(count)
             )));
         };
-        self.file.seek(SeekFrom::Start(end)).map_err(ImportError::io(self.path))?;
+        let by = i64::try_from(count).map_err(|_| self.cut_short())?;
+        self.file.seek_relative(by).map_err(ImportError::io(self.path))?;
         self.at = end;
+        Ok(())
+    }
+
+    /// Passes over lines of any length.
+    fn skip_lines(&mut self, count: u64, what: &str) -> Result<()> {
+        for found in 0..count {
+            let mut is_empty = true;
+            loop {
+                let buffer = self.file.fill_buf().map_err(ImportError::io(self.path))?;
+                let end = buffer.iter().position(|byte| *byte == b'\n');
+                let length = end.map_or(buffer.len(), |end| end + 1);
+                self.file.consume(length);
+                self.at += length as u64;
+                is_empty &= length == 0;
+                if end.is_some() || length == 0 {
+                    break;
+                }
+            }
+            if is_empty {
+                return Err(self.invalid(format!("cut short: the array {what} implies {count} lines, found {found}")));
+            }
+        }
+        Ok(())
+    }
+
+    /// Passes over texts behind their lengths, big-endian numbers of 1, 2, 4 or 8 bytes by their first two bits.
+    fn skip_texts(&mut self, count: u64, what: &str) -> Result<()> {
+        for _ in 0..count {
+            let first = self.byte()?.ok_or_else(|| self.cut_short())?;
+            let more = match first >> 6 {
+                3 => 0,
+                2 => 1,
+                1 => 3,
+                _ => 7,
+            };
+            let mut length = u64::from(first & 0x3f);
+            for _ in 0..more {
+                length = length << 8 | u64::from(self.byte()?.ok_or_else(|| self.cut_short())?);
+            }
+            self.skip_bytes(length, what)?;
+        }
         Ok(())
     }
 
@@ -365,15 +407,16 @@ impl Walk<'_> {
         let element = element_of(&lower);
         let style = if role == Role::Colors { Words::Colors } else { Words::Legacy };
         let place = if self.is_binary { Place::Plain(at) } else { Place::Words { at, style } };
-        match (self.is_binary, element) {
-            (true, Some(element)) => {
+        match (self.is_binary, &*lower, element) {
+            (true, "string" | "utf8_string", _) => self.text.skip_texts(numbers, name)?,
+            // A variant is a line also in binary files.
+            (_, "string" | "utf8_string" | "variant", _) => self.text.skip_lines(numbers, name)?,
+            (true, _, Some(element)) => {
                 self.text.skip_bytes(numbers.saturating_mul(element.bytes() as u64), name)?;
             }
-            (true, None) if lower == "bit" => self.text.skip_bytes(numbers.div_ceil(8), name)?,
-            (false, _) if !matches!(&*lower, "string" | "utf8_string" | "variant") => {
-                self.text.skip_words(numbers, name)?
-            }
-            _ => {
+            (true, "bit", None) => self.text.skip_bytes(numbers.div_ceil(8), name)?,
+            (false, _, _) => self.text.skip_words(numbers, name)?,
+            (true, _, None) => {
                 let (feature, name) = (format!("an array of {}", shown(kind)), shown(name));
                 let advice = format!("write the file without the array {name}");
                 return Err(ImportError::unsupported_but(self.text.path, feature, &advice));

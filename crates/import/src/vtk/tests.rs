@@ -382,6 +382,61 @@ fn every_section_of_a_legacy_file_is_walked_over() {
     assert!(said(&source.info().notes).contains("PointData/rgb"), "{:?}", source.info().notes);
 }
 
+/// Texts of every length, of words and empty ones, are passed over as VTK writes them.
+#[test]
+fn arrays_of_text_are_passed_over_in_legacy_files() {
+    let field = Field { sizes: [7, 5, 4, 1, 1], voxel_type: VoxelType::U16 };
+    let texts: Vec<String> =
+        (0..140).map(|i| "a%20b POINT_DATA".chars().cycle().take([0, 1, 63, 64, 20_000][i % 5]).collect()).collect();
+    let behind_length = |text: &String| {
+        let mut bytes = match text.len() {
+            length @ 0..64 => vec![0xc0 | length as u8],
+            length => (0x8000 | length as u16).to_be_bytes().to_vec(),
+        };
+        if text.len() == 20_000 {
+            bytes = (0x4000_0000 | 20_000u32).to_be_bytes().to_vec();
+        }
+        bytes.extend(text.as_bytes());
+        bytes
+    };
+    for binary in [true, false] {
+        let lines = texts.join("\n").into_bytes();
+        let all = if binary { texts.iter().flat_map(behind_length).collect() } else { lines.clone() };
+        let one = if binary { vec![0u8, 0, 0, 0, 0, 0, 0, 3, b'a', b'\n', b'b'] } else { b"a b".to_vec() };
+        let body = if binary { field.bytes("zyx", true) } else { words(field, "zyx") };
+        let head = if binary { LEGACY.into() } else { LEGACY.replace("BINARY", "ASCII") };
+        let bytes = [
+            head.replace("DIMENSIONS", "FIELD FieldData 1\nsaid 1 1 string\n")
+                .split_once("string\n")
+                .unwrap()
+                .0
+                .as_bytes(),
+            b"string\n",
+            &one,
+            b"\nMETADATA\nINFORMATION 0\n\nDIMENSIONS 7 5 4\n",
+            b"POINT_DATA 140\nFIELD f 3\nnames 1 140 string\n",
+            &all,
+            b"\nMETADATA\nINFORMATION 0\n\nv 1 140 variant\n",
+            &lines,
+            b"\nvalues 1 140 unsigned_short\n",
+            &body,
+            b"\n",
+        ]
+        .concat();
+        let source = opened(&bytes, &OpenOptions::default());
+        assert_boxes(&*source, field);
+        let said = said(&source.info().notes);
+        assert!(
+            said.contains("PointData/values (unsigned_short") && said.contains("PointData/names (string"),
+            "{said}"
+        );
+        let told = OpenOptions { variable: Some("names".into()), ..OpenOptions::default() };
+        let (_folder, path) = temp_file("a.vtk", &bytes);
+        let message = open(&[path], &told).err().unwrap().to_string();
+        assert!(message.contains("the type string of the array names is not supported"), "{message}");
+    }
+}
+
 #[test]
 fn legacy_files_whose_sizes_are_wrong_are_refused() {
     let file = |tail: &[u8]| [LEGACY.as_bytes(), tail].concat();
@@ -396,7 +451,10 @@ fn legacy_files_whose_sizes_are_wrong_are_refused() {
         ("POINT_DATA 140\nSCALARS a char\nVECTORS", "expected LOOKUP_TABLE"),
         ("POINT_DATA 140\nSCALARS a char x\n", "is no array"),
         ("POINT_DATA 140\nFIELD f 1\na 1 139 char\n", "has 139 values, expected 140"),
-        ("POINT_DATA 140\nFIELD f 1\na 1 140 string\n", "an array of string is not supported"),
+        ("POINT_DATA 140\nFIELD f 1\na 1 140 complex\n", "an array of complex is not supported"),
+        ("POINT_DATA 140\nFIELD f 1\na 1 140 string\n", "cut short: ends within its header"),
+        ("POINT_DATA 140\nFIELD f 1\na 1 140 string\n\x7fab", "cut short"),
+        ("POINT_DATA 140\nFIELD f 1\na 1 140 variant\n3 a\n", "implies 140 lines, found 1"),
         ("POINT_DATA 140\n", "a grid without arrays is not supported"),
         ("POINT_DATA", "cut short"),
     ] {
