@@ -10,6 +10,7 @@ mod blosclz;
 mod bytes;
 mod cf;
 mod chunks;
+mod committed;
 mod file;
 mod filters;
 mod imaris;
@@ -123,6 +124,7 @@ fn open_entry(
         ImportError::unsupported_but(&file.path, format!("{name} of {what}"), advice)
     };
     let stored = entry.stored.as_ref().map_err(refuse)?;
+    notes.extend(passed_over(file, entry)?);
     let dims = axes::dims_of(file, tree, entry, &mut notes);
     let (axes, sizes) = arrange(file, entry, stored, &dims, options)?;
     let default_fill = |element| cf::default_fill(tree, entry, element);
@@ -152,6 +154,17 @@ fn open_entry(
         Elements::Chunks(chunks) => Box::new(opening.chunks(vec![chunks], options)?.at(step_time)),
     };
     Ok(Mirrored::turned(source, turned))
+}
+
+/// A note on attributes that cannot be read, unless values depend on one.
+fn passed_over(file: &File, entry: &Entry) -> Result<Option<Note>> {
+    const OF_VALUES: [&str; 5] = ["scale_factor", "add_offset", "_FillValue", "missing_value", "_Unsigned"];
+    if let Some(name) = entry.unread.iter().find(|name| OF_VALUES.contains(&name.as_str())) {
+        let feature = format!("the attribute {name} of {}, of a committed datatype,", entry.path);
+        return Err(ImportError::unsupported_but(&file.path, feature, "write it anew as a plain number"));
+    }
+    let text = format!("Attributes of a committed datatype are passed over: {}.", entry.unread.join(", "));
+    Ok((!entry.unread.is_empty()).then(|| Note::warning(text)))
 }
 
 /// Gives each axis of a dataset its letter, and the volume its sizes.

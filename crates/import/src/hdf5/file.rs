@@ -10,7 +10,7 @@ use std::sync::Arc;
 
 /// Most bytes of a value that the parser itself reads: coordinates and heaps, never voxels.
 const MOST_READ_BYTES: usize = 128 << 20;
-const MOST_HEADER_BYTES: usize = 16 << 20;
+pub(super) const MOST_HEADER_BYTES: usize = 16 << 20;
 
 const MAGIC: &[u8] = b"\x89HDF\r\n\x1a\n";
 
@@ -33,6 +33,8 @@ pub(crate) fn is_hdf5(path: &Path) -> Result<bool> {
 pub(super) struct File {
     pub(super) path: PathBuf,
     pub(super) map: Arc<MappedFile>,
+    /// The map as the parser reads it.
+    pub(super) bytes: Arc<Bytes>,
     pub(super) hdf: Hdf5File,
 }
 
@@ -45,9 +47,10 @@ impl File {
             .with_max_chunk_bytes(MOST_READ_BYTES)
             .with_max_read_bytes(MOST_READ_BYTES)
             .with_max_object_header_bytes(MOST_HEADER_BYTES);
-        let hdf = Hdf5File::from_storage_with_options(Arc::new(Bytes::new(map.clone())), options);
+        let bytes = Arc::new(Bytes::new(map.clone()));
+        let hdf = Hdf5File::from_storage_with_options(bytes.clone(), options);
         let hdf = hdf.map_err(|error| refusal(path, "the file", &error))?;
-        Ok(Self { path: path.to_owned(), map, hdf })
+        Ok(Self { path: path.to_owned(), map, bytes, hdf })
     }
 
     /// Bytes before the place that all addresses count from.

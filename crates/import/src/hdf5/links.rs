@@ -15,6 +15,8 @@ use hdf5_reader::symbol_table::SymbolTableNode;
 /// A link of a group.
 pub(super) struct Link {
     pub(super) name: String,
+    /// Address of the object; `None` where the link is a path.
+    pub(super) object: Option<u64>,
     /// The other file and the path in it, as in `b.h5::/data`, of a link to one.
     pub(super) other_file: Option<String>,
     /// Its place in the order of creation, if the group keeps that.
@@ -46,7 +48,8 @@ pub(super) fn links_of(file: &File, group: u64) -> Result<Vec<Link>> {
                         let rest = usize::try_from(entry.link_name_offset).ok().and_then(|at| names.get(at..));
                         let name = rest.and_then(|rest| rest.split(|byte| *byte == 0).next()).ok_or_else(cut)?;
                         let name = std::str::from_utf8(name).map_err(|_| cut())?.to_owned();
-                        links.push(Link { name, other_file: None, created: None });
+                        let object = (entry.cache_type != 2).then_some(entry.object_header_address);
+                        links.push(Link { name, object, other_file: None, created: None });
                     }
                 }
             }
@@ -78,9 +81,10 @@ fn cut() -> Error {
 }
 
 fn link_of(found: &link::LinkMessage) -> Link {
-    let other_file = match &found.target {
-        LinkTarget::External { filename, path } => Some(format!("{filename}::{path}")),
-        LinkTarget::Hard { .. } | LinkTarget::Soft { .. } => None,
+    let (object, other_file) = match &found.target {
+        LinkTarget::External { filename, path } => (None, Some(format!("{filename}::{path}"))),
+        LinkTarget::Hard { address } => (Some(*address), None),
+        LinkTarget::Soft { .. } => (None, None),
     };
-    Link { name: found.name.clone(), other_file, created: found.creation_order }
+    Link { name: found.name.clone(), object, other_file, created: found.creation_order }
 }

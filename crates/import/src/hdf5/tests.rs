@@ -1,5 +1,7 @@
 //! Files made by hand from the format's specification: superblock 2, object headers 2, groups of link messages.
 
+mod committed;
+
 use super::open;
 use crate::open::open as open_any;
 use crate::options::{NoData, OpenOptions};

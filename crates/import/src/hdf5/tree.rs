@@ -1,6 +1,7 @@
 //! Groups and datasets of a file, walked once, without following links to other files. Costs some kilobytes per dataset.
 
 use super::attributes::{number, text, texts};
+use super::committed::{self, Hidden};
 use super::file::File;
 use super::links::{Link, links_of};
 use super::types::Stored;
@@ -28,6 +29,8 @@ pub(super) struct Entry {
     pub(super) attributes: Vec<Attribute>,
     /// The type of its elements, or the unsupported one.
     pub(super) stored: Result<Stored, String>,
+    /// Names of attributes that cannot be read.
+    pub(super) unread: Vec<String>,
     /// Whether it is a further link to a dataset listed before.
     is_link: bool,
 }
@@ -43,6 +46,8 @@ pub(super) struct Tree {
     pub(super) sets: Vec<Entry>,
     /// Paths of further links to groups, and the paths under which these were walked.
     links: Vec<(String, String)>,
+    /// Attributes that the parser does not read, by the address of their object.
+    hidden: HashMap<u64, Hidden>,
     /// Paths of what cannot be read, and why.
     unread: Vec<(String, ImportError)>,
     /// Whether there is more.
@@ -86,15 +91,24 @@ impl Entry {
 impl Tree {
     pub(super) fn of(file: &File) -> Result<Self> {
         let root = file.hdf.root_group().map_err(|error| file.refusal("the root group", &error))?;
-        let mut tree =
-            Self { groups: Vec::new(), sets: Vec::new(), links: Vec::new(), unread: Vec::new(), is_cut: false };
+        let mut tree = Self {
+            groups: Vec::new(),
+            sets: Vec::new(),
+            links: Vec::new(),
+            hidden: HashMap::new(),
+            unread: Vec::new(),
+            is_cut: false,
+        };
         let mut seen = HashMap::from([(root.address(), "/".into())]);
         tree.walk(file, &root, "/", 0, &mut seen);
         Ok(tree)
     }
 
     fn walk(&mut self, file: &File, group: &Group, path: &str, level: usize, seen: &mut HashMap<u64, String>) {
-        let attributes = group.attributes().unwrap_or_default();
+        let found = group.attributes();
+        let found = if self.hides(file, &found, Some(group.address())) { group.attributes() } else { found };
+        let mut attributes = found.unwrap_or_default();
+        attributes.extend(self.hidden.get(&group.address()).into_iter().flat_map(|hidden| hidden.attributes.clone()));
         self.groups.push(GroupEntry { path: path.into(), attributes });
         let links = match links_of(file, group.address()) {
             Ok(links) => links,
@@ -104,7 +118,7 @@ impl Tree {
             }
         };
         let mut groups = Vec::new();
-        for Link { name, other_file, .. } in links {
+        for Link { name, object, other_file, .. } in links {
             let path = join(path, &name);
             if self.is_full() {
                 return;
@@ -115,7 +129,9 @@ impl Tree {
                 self.unread.push((path, ImportError::unsupported_but(&file.path, feature, advice)));
                 continue;
             }
-            match group.dataset(&name) {
+            let found = group.dataset(&name);
+            let found = if self.hides(file, &found, object) { group.dataset(&name) } else { found };
+            match found {
                 Ok(set) => {
                     let is_link = seen.insert(set.address(), path.clone()).is_some();
                     self.add(path, set, is_link);
@@ -148,8 +164,22 @@ impl Tree {
     }
 
     fn add(&mut self, path: String, set: Dataset, is_link: bool) {
-        let (attributes, stored) = (set.attributes(), Stored::of(&set));
-        self.sets.push(Entry { path, set, attributes, stored, is_link });
+        let (mut attributes, stored, mut unread) = (set.attributes(), Stored::of(&set), Vec::new());
+        if let Some(hidden) = self.hidden.get(&set.address()) {
+            attributes.extend(hidden.attributes.iter().cloned());
+            unread.clone_from(&hidden.unread);
+        }
+        self.sets.push(Entry { path, set, attributes, stored, unread, is_link });
+    }
+
+    /// Whether an object failed by an attribute of a committed datatype, and is read without it from now on.
+    fn hides<T>(&mut self, file: &File, found: &Result<T, Error>, object: Option<u64>) -> bool {
+        let (Err(error), Some(object)) = (found, object) else { return false };
+        if !committed::is_cause(error) || self.hidden.contains_key(&object) {
+            return false;
+        }
+        let hidden = committed::hide(file, object);
+        hidden.is_ok_and(|hidden| self.hidden.insert(object, hidden).is_none())
     }
 
     fn is_full(&mut self) -> bool {
