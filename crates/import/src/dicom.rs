@@ -13,6 +13,9 @@ mod dose;
 #[cfg(test)]
 mod dose_tests;
 mod elements;
+mod floats;
+#[cfg(test)]
+mod floats_tests;
 mod fragments;
 mod frames;
 #[cfg(test)]
@@ -26,6 +29,9 @@ mod lossy_tests;
 mod mosaic;
 #[cfg(test)]
 mod mosaic_tests;
+mod nuclear;
+#[cfg(test)]
+mod nuclear_tests;
 mod pixels;
 mod segmentation;
 #[cfg(test)]
@@ -276,6 +282,8 @@ impl DicomSeries {
         let missing = places.iter().filter(|place| place.is_none()).count();
         let Voxels { voxel_type, blank } = voxels_of(&files, &slices, missing > 0, options.adopted())?;
         check_exact(&files, &slices, voxel_type, missing > 0, options)?;
+        notes.extend(floats::losses(&files, &slices, options)?);
+        notes.extend(floats::note_on_padding(&slices));
         sizes.checked_bytes(voxel_type.bytes()).map_err(|p| ImportError::invalid(&paths[0], p))?;
         // Padding kept as values makes other voxels from the same files.
         let is_padding_kept = options.nodata != NoData::OfFile && files.iter().any(|(header, _)| header.has_padding());
@@ -432,6 +440,9 @@ fn check_sizes(files: &[(Header, Frames)]) -> Result<()> {
 /// Checks that each frame of a file has a place.
 fn check_frames(header: &Header, count: u64) -> Result<()> {
     let placed = header.placed_frames() as u64;
+    if count > 1 && nuclear::is_nuclear(header) {
+        return nuclear::check(header, count);
+    }
     if count > 1 && placed == 0 && !dose::places(header, count) {
         let feature =
             format!("a file of {count} frames without a place for each (no PerFrameFunctionalGroupsSequence)");
@@ -486,8 +497,9 @@ fn find_slice(
     let roundings = header.roundings(frame, tags::IMAGE_POSITION_PATIENT);
     let steps = [(tags::SPACING_BETWEEN_SLICES, "SpacingBetweenSlices"), (tags::SLICE_THICKNESS, "SliceThickness")];
     let [along_row, along_column] = [vector(&directions), vector(&directions[3..])];
-    let mut position =
-        dose::position(header, frame, vector(&position), along_row.cross(along_column).normalize_or_zero())?;
+    let normal = along_row.cross(along_column).normalize_or_zero();
+    let position = dose::position(header, frame, vector(&position), normal)?;
+    let mut position = nuclear::position(header, frame, position, normal)?;
     if let Some(mosaic) = mosaic {
         let help = "a mosaic has one place for all its slices; pass `spacing` X,Y,Z";
         let step_mm = match options.spacing {
@@ -518,6 +530,9 @@ fn find_slice(
 }
 
 fn meaning_of(header: &Header, frames: &Frames, frame: usize, nodata: NoData) -> Result<Meaning> {
+    if frames.format.is_float {
+        return floats::meaning_of(header, frames, frame, nodata);
+    }
     let first = |tag, name: &str| match (header.numbers(frame, tag), header.written(frame, tag)) {
         (Some(numbers), _) => Ok(Some(numbers[0])),
         (None, Some(text)) => {
@@ -548,7 +563,8 @@ fn meaning_of(header: &Header, frames: &Frames, frame: usize, nodata: NoData) ->
         let stored = [a.min(b).max(least), a.max(b).min(greatest)];
         (stored[0] <= stored[1]).then_some(stored)
     });
-    Ok(Meaning { slope: slope.unwrap_or(1.0), intercept: intercept.unwrap_or(0.0), padding })
+    let (slope, intercept) = (slope.unwrap_or(1.0), intercept.unwrap_or(0.0));
+    Ok(Meaning { slope, intercept, padding, float_padding: None })
 }
 
 /// The first padding value, which is NaN in float voxels, for comparison with later steps.
@@ -573,7 +589,8 @@ fn voxels_of(
     held_as: Option<HeldAs>,
 ) -> Result<Voxels> {
     let floats = Voxels { voxel_type: VoxelType::F32, blank: f64::NAN };
-    if !slices.iter().all(|slice| slice.meaning.is_whole()) {
+    let are_floats = files.iter().any(|(_, frames)| frames.format.is_float);
+    if are_floats || !slices.iter().all(|slice| slice.meaning.is_whole()) {
         return Ok(floats);
     }
     // One integer marks padding in all slices; if it would be a value in some, padding is NaN.
@@ -619,7 +636,8 @@ fn check_exact(
     are_missing: bool,
     options: &OpenOptions,
 ) -> Result<()> {
-    let Some((header, _)) = files.iter().find(|(_, frames)| frames.format.width == 4 && voxel_type.is_float()) else {
+    let is_long = |frames: &Frames| frames.format.width == 4 && !frames.format.is_float;
+    let Some((header, _)) = files.iter().find(|(_, frames)| is_long(frames) && voxel_type.is_float()) else {
         return Ok(());
     };
     let what = match () {
@@ -668,7 +686,8 @@ fn notes_on_values(files: &[(Header, Frames)], slices: &[Slice], voxel_type: Vox
     if is_stored && files.iter().any(|(header, _)| header.has_real_world) {
         notes.push(Note::warning("Values are as stored: the header's real-world values of them are not applied."));
     }
-    if voxel_type.is_float() && files.iter().any(|(_, frames)| frames.format.width == 4) {
+    let is_long = |frames: &Frames| frames.format.width == 4 && !frames.format.is_float;
+    if voxel_type.is_float() && files.iter().any(|(_, frames)| is_long(frames)) {
         notes.push(Note::warning("32-bit numbers are rounded to the 24 bits of f32."));
     }
     if let Some([least, greatest]) = slices.iter().find_map(|slice| slice.meaning.padding) {
@@ -711,7 +730,9 @@ fn note_on_rest(files: &[(Header, Frames)]) -> Option<Note> {
 /// Notes padding values outside the pixels' range.
 fn note_on_padding(files: &[(Header, Frames)], slices: &[Slice], nodata: NoData) -> Option<Note> {
     let is_left_out = |slice: &&Slice| {
-        nodata == NoData::OfFile && slice.meaning.padding.is_none() && files[slice.file].0.has_padding()
+        let (header, frames) = &files[slice.file];
+        let is_integer = !frames.format.is_float && slice.meaning.padding.is_none();
+        nodata == NoData::OfFile && is_integer && header.has_padding()
     };
     let slice = slices.iter().find(is_left_out)?;
     let (header, frames) = &files[slice.file];

@@ -75,10 +75,11 @@ impl Frames {
                 "expected pixel data after the header, found the file's end: it is a header alone, or was cut there";
             return Err(ImportError::invalid(path, problem));
         };
-        if pixels.tag != tags::PIXEL_DATA {
-            return Err(ImportError::unsupported(path, "Float Pixel Data"));
-        }
         let mut packing = packing_of(header)?;
+        if format.is_float && pixels.length.is_none() {
+            let feature = format!("floating-point pixels in {}", header.syntax_name());
+            return Err(ImportError::unsupported_but(path, feature, "decompress it, as gdcmconv --raw does"));
+        }
         if let (Packing::Encapsulated(codec @ (Codec::Jpeg | Codec::Jpeg2000)), None) = (packing, pixels.length) {
             format.check_codec(path, codec == Codec::Jpeg2000)?;
         }
@@ -148,6 +149,14 @@ impl Frames {
             Packing::Encapsulated(Codec::Jpeg2000) => JPEG_2000_PIXEL_BYTES,
         };
         packed + self.format.pixels() * per_pixel
+    }
+
+    /// Byte order of numbers that are not compressed.
+    pub(super) fn endian(&self) -> Endian {
+        match self.packing {
+            Packing::Native(endian) => endian,
+            Packing::Deflated | Packing::Encapsulated(_) => Endian::Little,
+        }
     }
 
     pub(super) fn held_bytes(&self) -> usize {

@@ -4,7 +4,7 @@
 //! Other values are skipped, so the cost depends on the header, not on the file's size. Lengths are checked against the file before use.
 
 use super::elements::{Element, Elements, ITEM};
-use super::wanted::{LISTS, MACROS, NEEDED, WANTED};
+use super::wanted::{DETECTOR, LISTS, MACROS, NEEDED, WANTED};
 use crate::dicom_files::first_group_at;
 use crate::error::{ImportError, Result};
 use crate::mapped::MappedFile;
@@ -78,7 +78,9 @@ pub(super) struct PixelElement {
 impl Header {
     /// Whether the file declares some stored numbers padding.
     pub(super) fn has_padding(&self) -> bool {
-        self.number(tags::PIXEL_PADDING_VALUE).is_some()
+        const PADDING: [Tag; 3] =
+            [tags::PIXEL_PADDING_VALUE, tags::FLOAT_PIXEL_PADDING_VALUE, tags::DOUBLE_FLOAT_PIXEL_PADDING_VALUE];
+        PADDING.into_iter().any(|tag| self.number(tag).is_some())
     }
 
     /// Reads the header of a file, up to its pixel data.
@@ -99,7 +101,20 @@ impl Header {
         } else {
             header.read_data_set(map, body)?;
         }
+        header.place_by_detector();
         Ok(header)
+    }
+
+    /// Takes the place of the only detector for that of the image, if this has none (nuclear medicine).
+    fn place_by_detector(&mut self) {
+        let list = LISTS.iter().position(|(listed, _)| *listed == tags::DETECTOR_INFORMATION_SEQUENCE);
+        if let Some([detector]) = list.map(|i| &self.lists[i][..]) {
+            for tag in DETECTOR {
+                if let (Some(value), None) = (detector.get(&tag), self.top.get(&tag)) {
+                    self.top.insert(tag, value.clone());
+                }
+            }
+        }
     }
 
     /// Reads the header of a deflated data set, holding no more than it needs; the rest is only counted.

@@ -18,8 +18,10 @@ pub(super) const MOST_JPEG_2000_BITS: u32 = 16;
 pub(super) struct PixelFormat {
     pub(super) columns: u32,
     pub(super) rows: u32,
-    /// Bytes of a stored number: 1, 2 or 4.
+    /// Bytes of a stored number: 1, 2 or 4, of floats 4 or 8.
     pub(super) width: usize,
+    /// Whether numbers are floats (Float Pixel Data, Double Float Pixel Data); the fields below are for integers.
+    pub(super) is_float: bool,
     bits: u32,
     /// Bits below the number within its bytes.
     shift: u32,
@@ -49,9 +51,19 @@ impl PixelFormat {
         }
         let [rows, columns] = [need(tags::ROWS, "Rows")?, need(tags::COLUMNS, "Columns")?];
         let allocated = need(tags::BITS_ALLOCATED, "BitsAllocated")?;
+        let floats = header.pixels.and_then(|pixels| match pixels.tag {
+            tags::FLOAT_PIXEL_DATA => Some(32.0),
+            tags::DOUBLE_FLOAT_PIXEL_DATA => Some(64.0),
+            _ => None,
+        });
+        if let Some(expected) = floats.filter(|expected| *expected != allocated) {
+            let problem = format!("BitsAllocated is {allocated}, but its pixels are floats of {expected} bits");
+            return Err(ImportError::invalid(path, problem));
+        }
+        let is_float = floats.is_some();
         let stored = header.number(tags::BITS_STORED).unwrap_or(allocated);
         let high = header.number(tags::HIGH_BIT).unwrap_or(stored - 1.0);
-        if ![8.0, 16.0, 32.0].contains(&allocated) {
+        if !is_float && ![8.0, 16.0, 32.0].contains(&allocated) {
             let feature = format!("{allocated} bits a pixel");
             return Err(ImportError::unsupported_but(path, feature, "8, 16 and 32 are read"));
         }
@@ -59,7 +71,8 @@ impl PixelFormat {
             let problem = format!("is {columns} x {rows} pixels: every axis needs 1 to 65535");
             return Err(ImportError::invalid(path, problem));
         }
-        if !(stored >= 1.0 && high + 1.0 >= stored && high < allocated) {
+        let is_held = stored >= 1.0 && high + 1.0 >= stored && high < allocated;
+        if !(is_float || is_held) {
             let problem = format!("BitsStored {stored} and HighBit {high} do not fit into BitsAllocated {allocated}");
             return Err(ImportError::invalid(path, problem));
         }
@@ -67,8 +80,9 @@ impl PixelFormat {
             columns: columns as u32,
             rows: rows as u32,
             width: allocated as usize / 8,
-            bits: stored as u32,
-            shift: (high + 1.0 - stored) as u32,
+            is_float,
+            bits: if is_float { 32 } else { stored as u32 },
+            shift: if is_float { 0 } else { (high + 1.0 - stored) as u32 },
             signed: header.number(tags::PIXEL_REPRESENTATION) == Some(1.0),
         })
     }
@@ -161,6 +175,8 @@ pub(super) struct Meaning {
     /// Least and greatest stored number of padding; `None` without padding. Padding becomes NaN in float voxels,
     /// otherwise the value of the least of these numbers.
     pub(super) padding: Option<[i64; 2]>,
+    /// The same of floats, which becomes NaN.
+    pub(super) float_padding: Option<[f64; 2]>,
 }
 
 impl Samples {
@@ -177,7 +193,7 @@ impl Samples {
     /// Least and greatest number of the frame; all padding counts as its least.
     pub(super) fn range(&self, format: &PixelFormat, padding: Option<[i64; 2]>) -> [i64; 2] {
         let mut row = vec![0; format.columns as usize * VoxelType::I32.bytes()];
-        let plain = Meaning { slope: 1.0, intercept: 0.0, padding };
+        let plain = Meaning { padding, ..Meaning::PLAIN };
         (0..format.rows).fold([i64::MAX, i64::MIN], |range, y| {
             let region = VoxelBox::new([0, y, 0], [format.columns, y + 1, 1]);
             self.deliver(format, &plain, VoxelType::I32, region, &mut row);
@@ -196,6 +212,9 @@ impl Samples {
         out: &mut [u8],
     ) {
         let row_bytes = region.extent().x as usize * voxel_type.bytes();
+        if format.is_float {
+            return self.deliver_floats(format, meaning, region, out);
+        }
         let number = |raw: u32| format.number(raw);
         for (y, row) in (region.min.y..).zip(out.chunks_exact_mut(row_bytes)) {
             let first = (y as usize * format.columns as usize + region.min.x as usize) * self.width;
@@ -211,9 +230,43 @@ impl Samples {
     }
 }
 
+impl Samples {
+    /// Fills `out` with floats; padding becomes NaN.
+    fn deliver_floats(&self, format: &PixelFormat, meaning: &Meaning, region: VoxelBox, out: &mut [u8]) {
+        let row = region.extent().x as usize;
+        let is_padding =
+            |value: f64| meaning.float_padding.is_some_and(|[least, greatest]| (least..=greatest).contains(&value));
+        let held = |value: f64| if is_padding(value) { f32::NAN } else { value as f32 }.to_le_bytes();
+        for (y, out) in (region.min.y..).zip(out.chunks_exact_mut(row * VoxelType::F32.bytes())) {
+            let first = (y as usize * format.columns as usize + region.min.x as usize) * self.width;
+            let numbers = &self.bytes[first..first + row * self.width];
+            let (out, _) = out.as_chunks_mut::<4>();
+            if self.width == 4 {
+                for (out, bytes) in out.iter_mut().zip(numbers.as_chunks::<4>().0) {
+                    let number = if self.endian == Endian::Big {
+                        f32::from_be_bytes(*bytes)
+                    } else {
+                        f32::from_le_bytes(*bytes)
+                    };
+                    *out = held(number.into());
+                }
+            } else {
+                for (out, bytes) in out.iter_mut().zip(numbers.as_chunks::<8>().0) {
+                    let number = if self.endian == Endian::Big {
+                        f64::from_be_bytes(*bytes)
+                    } else {
+                        f64::from_le_bytes(*bytes)
+                    };
+                    *out = held(number);
+                }
+            }
+        }
+    }
+}
+
 impl Meaning {
     /// Stored numbers are the values.
-    pub(super) const PLAIN: Self = Self { slope: 1.0, intercept: 0.0, padding: None };
+    pub(super) const PLAIN: Self = Self { slope: 1.0, intercept: 0.0, padding: None, float_padding: None };
 
     #[inline]
     pub(super) fn value(&self, n: i64) -> f64 {
@@ -297,9 +350,9 @@ mod tests {
             padding in prop::option::of((-300i64..300, 0i64..100)),
             raw in prop::collection::vec(any::<u16>(), 8),
         ) {
-            let format = PixelFormat { columns: 8, rows: 1, width: 2, bits, shift, signed };
+            let format = PixelFormat { columns: 8, rows: 1, width: 2, is_float: false, bits, shift, signed };
             let padding = padding.map(|(least, more)| [least, least + more]);
-            let meaning = Meaning { slope: slope.into(), intercept: intercept.into(), padding };
+            let meaning = Meaning { slope: slope.into(), intercept: intercept.into(), padding, float_padding: None };
             let number = |raw: u16| {
                 let n = i64::from(raw >> shift) & ((1 << bits) - 1);
                 let n = if signed && n >> (bits - 1) == 1 { n - (1 << bits) } else { n };

@@ -98,6 +98,10 @@ impl Segmentation {
             Form::Binary => Stored::Bits(Bits::find(&header)?),
             _ => Stored::Frames(Frames::find(&header)?),
         };
+        if matches!(&stored, Stored::Frames(frames) if frames.format.is_float) {
+            let advice = "write it again with whole numbers";
+            return Err(ImportError::unsupported_but(&path, "a segmentation of floating-point pixels", advice));
+        }
         let (count, [columns, rows]) = match &stored {
             Stored::Bits(bits) => (bits.count(), bits.size()),
             Stored::Frames(frames) => (frames.count(), frames.size()),

@@ -59,12 +59,25 @@ pub(super) const WANTED: &[Tag] = &[
     tags::PIXEL_REPRESENTATION,
     tags::PIXEL_PADDING_VALUE,
     tags::PIXEL_PADDING_RANGE_LIMIT,
+    tags::FLOAT_PIXEL_PADDING_VALUE,
+    tags::FLOAT_PIXEL_PADDING_RANGE_LIMIT,
+    tags::DOUBLE_FLOAT_PIXEL_PADDING_VALUE,
+    tags::DOUBLE_FLOAT_PIXEL_PADDING_RANGE_LIMIT,
     tags::RESCALE_INTERCEPT,
     tags::RESCALE_SLOPE,
     tags::RESCALE_TYPE,
     tags::DOSE_GRID_SCALING,
     tags::DOSE_UNITS,
     tags::GRID_FRAME_OFFSET_VECTOR,
+    tags::SLICE_VECTOR,
+    tags::ENERGY_WINDOW_VECTOR,
+    tags::DETECTOR_VECTOR,
+    tags::PHASE_VECTOR,
+    tags::ROTATION_VECTOR,
+    tags::RR_INTERVAL_VECTOR,
+    tags::TIME_SLOT_VECTOR,
+    tags::ANGULAR_VIEW_VECTOR,
+    tags::TIME_SLICE_VECTOR,
     tags::UNITS,
     tags::MODALITY,
     tags::WINDOW_CENTER,
@@ -100,8 +113,12 @@ pub(super) const NEEDED: [Tag; 6] = [
     tags::SEGMENT_IDENTIFICATION_SEQUENCE,
 ];
 
+/// The place of a detector, and of the first slice reconstructed from it.
+pub(super) const DETECTOR: [Tag; 2] = [tags::IMAGE_POSITION_PATIENT, tags::IMAGE_ORIENTATION_PATIENT];
+
 /// Elements kept from each item of these sequences, outside of functional groups.
 pub(super) const LISTS: &[(Tag, &[Tag])] = &[
     (tags::DIMENSION_INDEX_SEQUENCE, &[tags::DIMENSION_INDEX_POINTER]),
     (tags::SEGMENT_SEQUENCE, &[tags::SEGMENT_NUMBER, tags::SEGMENT_LABEL]),
+    (tags::DETECTOR_INFORMATION_SEQUENCE, &DETECTOR),
 ];
