@@ -10,9 +10,11 @@ pub(crate) fn named(names: &[&str]) -> Vec<ChannelLook> {
     names.iter().map(|name| ChannelLook { name: Some((*name).into()), ..ChannelLook::default() }).collect()
 }
 
-/// Looks of red, green and blue, which together show the colours as they are.
-pub(crate) fn colors(voxel_type: VoxelType) -> Vec<ChannelLook> {
+/// Looks of the first channels of red, green, blue and opacity, which together show the colours as they are; opacity is black.
+pub(crate) fn colors(voxel_type: VoxelType, channels: u32) -> Vec<ChannelLook> {
     let window = (!voxel_type.is_float()).then(|| voxel_type.limits().into());
-    let parts = [("red", [255, 0, 0]), ("green", [0, 255, 0]), ("blue", [0, 0, 255])];
-    parts.map(|(name, color)| ChannelLook { name: Some(name.into()), color: Some(color), window, unit: None }).to_vec()
+    let parts = [("red", [255, 0, 0]), ("green", [0, 255, 0]), ("blue", [0, 0, 255]), ("opacity", [0; 3])];
+    let look =
+        |(name, color): (&str, _)| ChannelLook { name: Some(name.into()), color: Some(color), window, unit: None };
+    parts.into_iter().take(channels as usize).map(look).collect()
 }

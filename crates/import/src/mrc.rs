@@ -3,12 +3,13 @@
 //! A header of 1024 bytes and an extended one stand before a plain array, which is read through [`RawSource`], after unpacking if need be.
 
 mod header;
+mod nibbles;
 mod placement;
 #[cfg(test)]
 mod tests;
 
 use crate::body::Body;
-use crate::error::Result;
+use crate::error::{ImportError, Result};
 use crate::files::first_bytes;
 use crate::looks;
 use crate::options::OpenOptions;
@@ -16,6 +17,7 @@ use crate::raw::{RawSource, identity};
 use crate::source::SourceInfo;
 use crate::stamp::Stamp;
 use header::{HEADER_BYTES, Header};
+use nibbles::Nibbles;
 use std::io::Read;
 use std::path::Path;
 
@@ -30,12 +32,18 @@ pub(crate) fn open(path: &Path, options: &OpenOptions) -> Result<RawSource> {
     let mut info = SourceInfo { identity: identity("mrc", &[path])?, ..header.array.info() };
     info.channel_looks = match info.channels {
         2 => looks::named(&looks::COMPLEX),
-        3 => looks::colors(info.voxel_type),
+        3 => looks::colors(info.voxel_type, 3),
         _ => Vec::new(),
     };
     placement::place(&header.fields, &mut info, &mut notes);
     info.notes = notes;
-    let source = Body::open(path)?.source(header.array, info, options)?;
+    let mut body = Body::open(path)?;
+    if let Some(columns) = header.fields.packed_columns() {
+        let coded_bytes = std::fs::metadata(path).map_err(ImportError::io(path))?.len();
+        let stream = Box::new(Nibbles::new(body.reader()?, header.array.offset, columns));
+        body = Body::Coded { path: path.to_owned(), coded_bytes, stream };
+    }
+    let source = body.source(header.array, info, options)?;
     stamp.check(path)?;
     Ok(source)
 }

@@ -15,6 +15,7 @@ use crate::direct::is_plain;
 use crate::element::{Decode, Element, Scale};
 use crate::error::{ImportError, Result};
 use crate::labels::SaidKind;
+use crate::looks;
 use crate::losses::Losses;
 use crate::note::Note;
 use crate::options::OpenOptions;
@@ -92,7 +93,8 @@ impl Found {
     fn kind(&self) -> SaidKind {
         let Header { array, analyze, fields, .. } = &self.header;
         let is_whole = array.decode.scale.is_none() && !array.decode.voxel_type().is_float();
-        match analyze.is_none() && fields.intent_code == INTENT_LABEL && is_whole {
+        let is_number = analyze.is_none() && fields.colors().is_none();
+        match is_number && fields.intent_code == INTENT_LABEL && is_whole {
             true => SaidKind::Labels("the header's intent (NIFTI_INTENT_LABEL)"),
             false => SaidKind::Unsaid,
         }
@@ -119,6 +121,12 @@ impl Found {
         }
         let identity = identity("nifti", &[&self.header_path, &self.body_path])?;
         let mut info = SourceInfo { identity, kind: self.kind(), ..self.header.array.info() };
+        if self.header.fields.colors().is_some() {
+            info.channel_looks = looks::colors(info.voxel_type, info.channels);
+            if ![0.0, 1.0].contains(&self.header.fields.slope) && !self.header.fields.slope.is_nan() {
+                notes.push(Note::warning("Colours are not scaled, by the standard: scl_slope is passed over."));
+            }
+        }
         placement::place(&self.header.fields, &mut info, &mut notes);
         if let Some(analyze) = &self.header.analyze {
             analyze.place(&self.header.fields, &self.header_path, &mut info, &mut notes);
@@ -325,6 +333,25 @@ mod tests {
     }
 
     #[test]
+    fn colours_are_channels() {
+        for (code, bits, parts) in [(128, 24, 3), (2304, 32, 4)] {
+            let field = Field { sizes: [5, 4, 3, parts, 2], voxel_type: VoxelType::U8 };
+            for (two, slope) in [(false, 0.0), (true, 2.0), (false, f32::NAN)] {
+                let header = Written { two, slope, ..Written::new(&[5, 4, 3, 2], code, bits) }.header();
+                let (_folder, path) = temp_file("a.nii", &[header, field.bytes("tzyxc", false)].concat());
+                let source = open(&path, &options()).unwrap();
+                assert_boxes(&source, field);
+                let looks = &source.info().channel_looks;
+                let names: Vec<&str> = looks.iter().filter_map(|look| look.name.as_deref()).collect();
+                assert_eq!(names, ["red", "green", "blue", "opacity"][..parts as usize]);
+                assert_eq!((looks[1].color, looks[1].window), (Some([0, 255, 0]), Some([0.0, 255.0])));
+                assert_eq!(is_warned(&said(&source.info().notes), "Colours are not scaled"), slope == 2.0);
+                assert_eq!(Found::read(&path).unwrap().kind(), SaidKind::Unsaid);
+            }
+        }
+    }
+
+    #[test]
     fn slope_and_intercept_make_floats_unless_they_change_nothing() {
         for (slope, intercept, expected) in [
             (2.0, -1.0, Some([1.0f32, 509.0])),
@@ -515,7 +542,9 @@ mod tests {
         assert!(refusal(Written { two: true, ..plain(&[1 << 31, 1 << 31, 1 << 31]) }).contains("2^63"));
         assert!(refusal(Written { two: true, ..plain(&[1 << 40, 1, 1]) }).contains("1 or more"));
         assert!(refusal(plain(&[2, 2, 2, 2, 2, 2])).contains("sixth"));
-        assert!(refusal(Written::new(&[2, 2, 2], 128, 24)).contains("RGB"));
+        assert!(refusal(Written::new(&[2, 2, 2], 128, 8)).contains("3 x u8 has 24 bits, but bitpix says 8"));
+        assert!(refusal(Written::new(&[2, 2, 2, 1, 3], 128, 24)).contains("colours along a fifth dimension (3)"));
+        assert!(refusal(Written::new(&[2, 2, 2], 32, 64)).contains("complex numbers"));
         assert!(refusal(Written::new(&[2, 2, 2], 4, 8)).contains("bitpix says 8"));
         assert!(refusal(Written { vox_offset: Some(-5), ..plain(&[2, 2, 2]) }).contains("from byte -5 on"));
         for name in ["a.nii", "a.nii.gz"] {

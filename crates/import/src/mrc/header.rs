@@ -18,6 +18,8 @@ const IMOD_STAMP: i32 = 1146047817;
 const IMOD_SIGNED: i32 = 1;
 const IMOD_ORIGIN: i32 = 4;
 const IMOD_PACKED: i32 = 16;
+/// Mode of numbers of 4 bits.
+const PACKED: i32 = 101;
 /// Greatest number of a mode in use is 101; greater ones are of the other byte order.
 const GREATEST_MODE: i32 = 1023;
 
@@ -180,6 +182,11 @@ impl Fields {
         (0..3).all(|axis| axes.contains(&axis)).then_some(axes)
     }
 
+    /// Numbers of a row, where two of them share a byte.
+    pub(super) fn packed_columns(&self) -> Option<u32> {
+        (self.mode == PACKED).then_some(self.sizes[0].unsigned_abs())
+    }
+
     pub(super) fn is_image_stack(&self) -> bool {
         self.space_group == IMAGE_STACK
     }
@@ -245,7 +252,7 @@ impl Fields {
             6 => (U16, 1),
             12 => return Ok((Element::F16, 1)),
             16 => (U8, 3),
-            101 => return refuse("mode 101 (4-bit numbers)"),
+            PACKED => (U8, 1),
             mode => return refuse(&format!("mode {mode}")),
         };
         Ok((Element::Voxel(voxel_type), channels))

@@ -57,6 +57,12 @@ fn bytes() -> Written {
 }
 
 #[test]
+fn colours_whose_order_is_not_known_are_refused() {
+    let message = Written::new(128, 24, Endian::Little).open(&[7; 72]).err().unwrap();
+    assert!(message.contains("colours in ANALYZE 7.5") && message.contains("convert it to NIfTI"), "{message}");
+}
+
+#[test]
 fn every_type_and_byte_order_gives_the_bytes_written() {
     use VoxelType::*;
     for (code, voxel_type) in [(2, U8), (4, I16), (8, I32), (16, F32), (130, I8), (132, U16), (136, U32)] {

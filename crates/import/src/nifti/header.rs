@@ -10,6 +10,10 @@ use brickyard_volume::{Extent, VoxelType};
 use std::io::Read;
 use std::path::Path;
 
+/// Datatypes of colours.
+const RGB: i16 = 128;
+const RGBA: i16 = 2304;
+
 /// A checked NIfTI-1 or NIfTI-2 header.
 pub(super) struct Header {
     pub(super) single_file: bool,
@@ -51,6 +55,10 @@ impl Header {
         let bytes = Bytes { bytes: &bytes, endian, two };
         let mut fields = bytes.fields();
         let analyze = is_analyze.then(|| Analyze::of(&bytes, &mut fields));
+        if is_analyze && fields.colors().is_some() {
+            let feature = "colours in ANALYZE 7.5, whose parts some programs put in planes of their own,";
+            return Err(ImportError::unsupported_but(path, feature, "convert it to NIfTI, as nibabel does"));
+        }
         let checked = fields.checked(endian, single_file, needed as u64).map(|header| Self { analyze, ..header });
         checked.map_err(|refusal| match refusal {
             Refusal::Invalid(problem) => ImportError::invalid(path, problem),
@@ -69,11 +77,21 @@ enum Refusal {
 
 impl Fields {
     fn checked(self, endian: Endian, single_file: bool, header_bytes: u64) -> Result<Header, Refusal> {
-        let (sizes, element) = (self.sizes()?, self.element()?);
+        let (mut sizes, element) = (self.sizes()?, self.element()?);
         let offset = self.body_offset(single_file, header_bytes)?;
-        let decode = Decode { element, endian, scale: self.scale()? };
-        // The fifth dimension, read as channels, is the slowest.
-        let axes = AxisOrder::of(&[Axis::C, Axis::T, Axis::Z, Axis::Y, Axis::X]);
+        let colors = self.colors();
+        // By the standard, colours are not scaled.
+        let scale = if colors.is_some() { None } else { self.scale()? };
+        let decode = Decode { element, endian, scale };
+        // The fifth dimension, read as channels, is the slowest; the parts of a colour lie side by side.
+        let mut axes = AxisOrder::of(&[Axis::C, Axis::T, Axis::Z, Axis::Y, Axis::X]);
+        if let Some(parts) = colors {
+            if sizes.channels > 1 {
+                return Err(Refusal::Unsupported(format!("colours along a fifth dimension ({})", sizes.channels)));
+            }
+            sizes.channels = parts;
+            axes = AxisOrder::of(&[Axis::T, Axis::Z, Axis::Y, Axis::X, Axis::C]);
+        }
         Ok(Header { single_file, array: ArrayLayout { sizes, axes, decode, offset }, fields: self, analyze: None })
     }
 
@@ -95,9 +113,18 @@ impl Fields {
         Ok(Sizes { extent: Extent::new(x, y, z), channels, times })
     }
 
+    /// Parts of each colour, if voxels are colours.
+    pub(super) fn colors(&self) -> Option<u32> {
+        match self.datatype {
+            RGB => Some(3),
+            RGBA => Some(4),
+            _ => None,
+        }
+    }
+
     fn element(&self) -> Result<Element, Refusal> {
         let element = match self.datatype {
-            2 => Element::Voxel(VoxelType::U8),
+            2 | RGB | RGBA => Element::Voxel(VoxelType::U8),
             4 => Element::Voxel(VoxelType::I16),
             8 => Element::Voxel(VoxelType::I32),
             16 => Element::Voxel(VoxelType::F32),
@@ -111,15 +138,15 @@ impl Fields {
                 let name = match code {
                     1 => "bits",
                     32 | 1792 | 2048 => "complex numbers",
-                    128 => "RGB colours",
-                    2304 => "RGBA colours",
                     1536 => "128-bit floats",
                     _ => "unknown",
                 };
                 return Err(Refusal::Unsupported(format!("datatype {code} ({name})")));
             }
         };
-        let (name, bits, bitpix) = (element.name(), element.bytes() * 8, self.bitpix);
+        let parts = self.colors().unwrap_or(1) as usize;
+        let (name, bits, bitpix) = (element.name(), element.bytes() * 8 * parts, self.bitpix);
+        let name = if parts > 1 { format!("{parts} x {name}") } else { name.into() };
         if bitpix as usize != bits {
             return Err(Refusal::Invalid(format!("datatype {name} has {bits} bits, but bitpix says {bitpix}")));
         }
