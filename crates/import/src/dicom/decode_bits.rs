@@ -1,6 +1,6 @@
 //! Bitmaps: frames of one bit a pixel, packed without gaps between rows or frames, the first pixel in the lowest bit. Read frame by frame.
 
-use super::frames::frame_count;
+use super::frames::{check_frames, frame_count};
 use super::header::{EXPLICIT_BIG_ENDIAN, Header};
 use crate::error::{ImportError, Result};
 use brickyard_volume::{VoxelBox, counted};
@@ -52,7 +52,7 @@ impl Bits {
             ));
         };
         let count = frame_count(header)?;
-        super::check_frames(header, count)?;
+        check_frames(header, count)?;
         let end = std::fs::metadata(path).map_err(ImportError::io(path))?.len();
         let expected = (u64::from(rows) * u64::from(columns)).saturating_mul(count).div_ceil(8);
         let found = length.min(end.saturating_sub(pixels.offset));

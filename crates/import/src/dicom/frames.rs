@@ -2,11 +2,11 @@
 //!
 //! Frames are read and decoded one by one, in the memory of one, however many the file holds.
 
-use super::decode;
 use super::fragments::{Ranges, fragment_places, read_ranges};
 use super::header::{EXPLICIT_BIG_ENDIAN, Header};
 use super::mosaic::Mosaic;
 use super::pixels::{Bytes, PixelFormat, Samples};
+use super::{decode, dose, nuclear};
 use crate::element::Endian;
 use crate::error::{ImportError, Result};
 use crate::mapped::MappedFile;
@@ -85,7 +85,7 @@ impl Frames {
         }
         let count = frame_count(header)?;
         // Before a place is stored for each.
-        super::check_frames(header, count)?;
+        check_frames(header, count)?;
         let places = match (packing, pixels.length) {
             (Packing::Encapsulated(codec), None) => fragment_places(path, count, pixels.offset, codec.starts())?,
             (_, None) => {
@@ -212,6 +212,26 @@ fn mapped(header: &Header, first: u64, length: u64) -> Result<Bytes> {
         return Err(ImportError::io(&header.path)(std::io::ErrorKind::UnexpectedEof.into()));
     }
     Ok(Bytes::Mapped { file, range })
+}
+
+/// Checks that each frame of a file has a place.
+pub(super) fn check_frames(header: &Header, count: u64) -> Result<()> {
+    let placed = header.placed_frames() as u64;
+    if count > 1 && nuclear::is_nuclear(header) {
+        return nuclear::check(header, count);
+    }
+    if count > 1 && placed == 0 && !dose::places(header, count) {
+        let feature =
+            format!("a file of {count} frames without a place for each (no PerFrameFunctionalGroupsSequence)");
+        let advice = "export the frames to TIFF or .npy, and pack these with `spacing`";
+        return Err(ImportError::unsupported_but(&header.path, feature, advice));
+    }
+    if placed > 0 && placed != count {
+        let problem =
+            format!("declares {}, but gives positions for {placed}; write the file again", counted(count, "frame"));
+        return Err(ImportError::invalid(&header.path, problem));
+    }
+    Ok(())
 }
 
 /// Number of frames by the header, 1 by default.
