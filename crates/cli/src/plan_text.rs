@@ -82,11 +82,15 @@ impl PlanText<'_> {
         if self.info.orientation.is_some() { "(no unit: taken as millimeter)" } else { "(no unit)" }
     }
 
-    /// The unit of the values, as in ` in HU`; units that differ between channels all, as in ` in K, m/s`.
+    /// The unit of the values, as in ` in HU`; units that differ between channels all, as in ` in K, m/s, no unit`.
     fn value_unit(&self) -> String {
-        let mut units: Vec<&str> = self.info.channel_looks.iter().filter_map(|look| look.unit.as_deref()).collect();
+        let looks = &self.info.channel_looks;
+        if looks.iter().all(|look| look.unit.is_none()) {
+            return String::new();
+        }
+        let mut units: Vec<&str> = looks.iter().map(|look| look.unit.as_deref().unwrap_or("no unit")).collect();
         units.dedup();
-        if units.is_empty() { String::new() } else { format!(" in {}", units.join(", ")) }
+        format!(" in {}", units.join(", "))
     }
 
     fn scratch_bytes(&self) -> u64 {

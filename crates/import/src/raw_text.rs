@@ -22,6 +22,9 @@ use std::str::FromStr;
 
 const END: &str = ".json";
 
+/// Ends of raw files' names.
+const RAW_ENDS: [&str; 3] = ["raw", "bin", "dat"];
+
 /// The fields of a text. Unknown ones are refused, as they might change the voxels.
 #[derive(Debug, Default, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -57,6 +60,12 @@ pub(crate) fn beside(raw: &Path) -> Option<PathBuf> {
     let whole = raw.with_file_name(name_of(raw) + END);
     let texts = [whole, raw.with_extension(&END[1..])];
     texts.into_iter().find(|text| text != raw && text.is_file())
+}
+
+/// The only raw file of the text's name with another end.
+fn only_raw_beside(text: &Path) -> Option<PathBuf> {
+    let mut there = RAW_ENDS.iter().map(|end| text.with_extension(end)).filter(|raw| raw.is_file());
+    there.next().filter(|_| there.next().is_none())
 }
 
 /// Opens a raw file by the text, or by the raw file that it lies beside.
@@ -117,9 +126,11 @@ impl Fields {
             }
             (_, Some(named)) => Ok(named.to_owned()),
             (Some(told), None) => Ok(told),
-            (None, None) => bare.map(|bare| folder_of(text).join(bare)).ok_or_else(|| {
-                ImportError::invalid(text, "has no `file`, the name of its raw file; write it into the text")
-            }),
+            (None, None) => {
+                bare.map(|bare| folder_of(text).join(bare)).or_else(|| only_raw_beside(text)).ok_or_else(|| {
+                    ImportError::invalid(text, "has no `file`, the name of its raw file; write it into the text")
+                })
+            }
         }
     }
 

@@ -312,7 +312,12 @@ impl Remarks {
 fn check_alike(step: &SourceInfo, path: &Path, first: &SourceInfo, paths: &[PathBuf]) -> Result<()> {
     let first_path = paths[0].display();
     if step.times != 1 {
-        let problem = format!("{} files given, one per time step, but this one holds {}", paths.len(), step.times);
+        let problem = format!(
+            "{} files given, one per time step, but this one holds {}: join them first, as `ncrcat` or `cdo mergetime` does for \
+             NetCDF, or `append` its steps one by one, each with `take_time`",
+            paths.len(),
+            step.times
+        );
         return Err(ImportError::options(path, problem));
     }
     let describe = |i: &SourceInfo, voxel_type: &str| {

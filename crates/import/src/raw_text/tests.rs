@@ -42,9 +42,11 @@ fn a_text_describes_the_file_beside_it() {
         assert_eq!((time.step, time.unit.as_deref()), (0.25, Some("second")));
         assert!(info.notes.iter().any(|note| note.contains("describes the voxels of a.raw")));
     }
-    // The raw file's name is the text's own.
-    let folder = written("a.raw.json", &TEXT.replace(r#""file": "a.raw", "#, ""));
-    assert_boxes(&*opened(&folder.path().join("a.raw.json")).unwrap(), FIELD);
+    // The raw file's name is the text's own, or that of the only one beside it.
+    for text in ["a.raw.json", "a.json"] {
+        let folder = written(text, &TEXT.replace(r#""file": "a.raw","#, ""));
+        assert_boxes(&*opened(&folder.path().join(text)).unwrap(), FIELD);
+    }
 }
 
 #[test]
@@ -94,7 +96,9 @@ fn texts_that_say_too_little_or_too_much_are_refused() {
     assert!(with("0.5, 1, 2", "0.5, 0, 2").contains("`spacing`"));
     assert!(with(r#""shape": [4, 3, 2],"#, "").contains("no `shape`"));
     assert!(with("a.raw", "c.raw").contains("c.raw is missing"));
-    assert!(with(r#""file": "a.raw","#, "").contains("has no `file`"));
+    let folder = written("a.json", &TEXT.replace(r#""file": "a.raw","#, ""));
+    std::fs::write(folder.path().join("a.dat"), "another").unwrap();
+    assert!(opened(&folder.path().join("a.json")).err().unwrap().contains("has no `file`"));
     assert!(with(r#""times": 3"#, r#""times": 4"#).contains("expected 389 bytes"));
     assert!(refusal("{").contains("a mistake in this description"));
     let folder = written("a.json", &TEXT.replace("a.raw", "c.raw"));

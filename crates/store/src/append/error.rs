@@ -55,7 +55,9 @@ pub enum AppendError {
         steps: u32,
     },
     /// The source has several time steps, but steps are appended one at a time.
-    #[error("the input holds {times} time steps; expected one: steps are appended one at a time")]
+    #[error(
+        "the input holds {times} time steps; expected one: steps are appended one at a time, each with `take_time`"
+    )]
     Several {
         /// Number of time steps of the source.
         times: u32,

@@ -169,16 +169,12 @@ fn in_a_row<'a>(names: impl Iterator<Item = Option<&'a str>>) -> String {
 }
 
 /// The time of a file's only step in a store, and a remark on it. It is left out, `None`, unless it counts as the
-/// store's times do and is later.
+/// store's times do; one no later than the last step's is then refused, as that of a file appended before.
 pub(super) fn own_time(store: &Store, source: &dyn Source) -> Option<(Option<f64>, String)> {
     let own = source.step_time().stamp.filter(|own| own.unit.is_some() || own.since.is_some())?;
     let words = own.in_words();
-    let last = store.times().saturating_sub(1);
     let problem = match store.time_axis() {
-        Some(axis) if own.is_on(axis) && own.number > axis.at(last) => {
-            return Some((Some(own.number), own.taken().to_string()));
-        }
-        Some(axis) if own.is_on(axis) => format!("it is not after {} of step {last}", axis.at(last)),
+        Some(axis) if own.is_on(axis) => return Some((Some(own.number), own.taken().to_string())),
         Some(TimeAxis { unit, since, .. }) => {
             let since = since.as_deref().unwrap_or("no known moment");
             format!("the store's times are in {} and count from {since}", unit.as_deref().unwrap_or("no unit"))

@@ -945,14 +945,19 @@ fn a_file_s_own_time_counts_where_it_counts_as_the_store_s() {
         appender.append(&step, stamp, &heard).map(|_| heard.0.into_inner().unwrap().join(" "))
     };
     assert_eq!(add(106.0, since, None).unwrap(), "The step's time is the file's, 106 hour since 1900-01-01.");
-    // Evenly, as the store goes on: the file's time cannot be compared, or is no later.
+    // Evenly, as the store goes on: the file's time cannot be compared.
     for (number, since, words) in [
         (500.0, Some("2000-01-01"), "the store's times are in hour and count from 1900-01-01"),
         (500.0, None, "count from"),
-        (106.0, since, "it is not after"),
+        (501.0, None, "count from"),
     ] {
         let note = add(number, since, None).unwrap();
         assert!(note.contains("is left out") && note.contains(words) && note.contains("`stamp`"), "{note}");
+    }
+    // A file appended before.
+    for number in [106.0, 124.0] {
+        let message = add(number, since, None).unwrap_err().to_string();
+        assert!(message.contains("step 5: time: expected") && message.contains("found"), "{message}");
     }
     assert_eq!(add(3.0, since, Some(131.0)).unwrap(), "");
     assert!(add(200.0, Some("2000-01-01"), None).unwrap_err().to_string().contains("`stamp` gives it"));
