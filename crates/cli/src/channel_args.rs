@@ -342,7 +342,7 @@ fn names(displays: &[ChannelDisplay]) -> Vec<Option<&str>> {
 fn known_channels(names: &[Option<&str>]) -> String {
     let name = |(i, name): (usize, &Option<&str>)| name.map_or_else(|| i.to_string(), |name| format!("{i} '{name}'"));
     let each: Vec<_> = names.iter().enumerate().map(name).collect();
-    format!("the store has {}", each.join(", "))
+    format!("the store's channels are {}", each.join(", "))
 }
 
 #[cfg(test)]
@@ -387,7 +387,7 @@ mod tests {
         let problem = place("dap").unwrap_err();
         assert_eq!(
             problem,
-            "--channel: no channel 'dap', did you mean 'DAPI'?: the store has 0 'DAPI', 1, 2 'gfp', 3 'gfp'"
+            "--channel: no channel 'dap', did you mean 'DAPI'?: the store's channels are 0 'DAPI', 1, 2 'gfp', 3 'gfp'"
         );
         assert_eq!(place("gfp").unwrap_err(), "--channel gfp: is the name of channels 2, 3: give the number of one");
         assert!(place("").unwrap_err().contains("the number or the name"));

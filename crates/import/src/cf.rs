@@ -205,6 +205,13 @@ pub(crate) fn values_of(
     {
         scale.absent = Some(absent.stored);
     }
+    // A mark which f32 would round, such as 1e20, is told from its neighbours by the stored number alone.
+    let is_rounded = |mark: f64| mark.is_finite() && f64::from(mark as f32) != mark;
+    if let Some(mark) = absent.as_ref().map(|absent| absent.stored).filter(|mark| is_rounded(*mark))
+        && (element, scale, nodata) == (Element::F64, None, NoData::OfFile)
+    {
+        scale = Some(Scale { absent: Some(mark), ..Scale::new(1.0, 0.0, VoxelType::F32) });
+    }
     let is_long = matches!(element, Element::Voxel(VoxelType::I32 | VoxelType::U32));
     if let Some(Scale { slope, intercept, to, .. }) = scale.filter(|scale| is_long && scale.to == VoxelType::F32) {
         notes.push(Note::warning(format!(

@@ -223,6 +223,11 @@ fn turned_as_before(source: Box<dyn Source>, path: &Path, options: &OpenOptions)
     if own.turned == turned || own.has_place() {
         return Ok(source);
     }
+    // By the caller's word, the file runs as the store does.
+    if options.flip == Some([false; 3]) {
+        let info = SourceInfo { turned, ..own.clone() };
+        return Ok(Box::new(Described { info, source, first: 0 }));
+    }
     let axes = axes_in_words(turned);
     if options.spacing.is_some() || options.origin.is_some() {
         let problem = format!(
@@ -234,7 +239,7 @@ fn turned_as_before(source: Box<dyn Source>, path: &Path, options: &OpenOptions)
     let mut info = SourceInfo { turned, ..own.clone() };
     info.notes.push(Note::new(format!(
         "The voxels have no place of their own: they take that of the steps before, and are turned round along {axes} as those are; \
-         `flip` {axes} keeps the file's order."
+         `flip` none takes them in the order of the store."
     )));
     Ok(Box::new(Described { info, source: Mirrored::turned(source, turned), first: 0 }))
 }

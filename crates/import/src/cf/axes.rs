@@ -14,12 +14,17 @@ pub(crate) struct Dim {
     pub(crate) scale: Option<Scale>,
 }
 
+/// CF's names of the calendar in use, of which one differs before 1582 alone.
+const OURS: [&str; 4] = ["", "standard", "gregorian", "proleptic_gregorian"];
+
 /// The variable of an axis' coordinates.
 pub(crate) struct Scale {
     pub(crate) name: String,
     pub(crate) units: Option<String>,
+    /// Calendar of times, unless it is ours.
+    pub(crate) calendar: Option<String>,
     /// The letter that its attributes tell.
-    letter: Option<Axis>,
+    pub(super) letter: Option<Axis>,
     /// Its values; `None` if there are none, as for a dimension without a variable, or too many.
     pub(crate) coordinates: Option<Vec<f64>>,
     /// Whether its numbers are f32, off by their rounding.
@@ -40,6 +45,7 @@ impl Scale {
         Self {
             name: name.to_owned(),
             units: attributes.text("units"),
+            calendar: attributes.text("calendar").filter(|name| !OURS.contains(&name.trim().to_lowercase().as_str())),
             letter: letter_in(attributes),
             coordinates: stored.map(values),
             is_single,

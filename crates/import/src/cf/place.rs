@@ -34,7 +34,7 @@ pub(crate) fn place(info: &mut SourceInfo, dims: &[Dim], axes: &[Axis]) -> StepT
         let Some(scale) = &dim.scale else { continue };
         let Some(coordinates) = &scale.coordinates else { continue };
         match axis {
-            Axis::T => stamp = time(info, coordinates, scale.units.as_deref(), &mut notes),
+            Axis::T => stamp = time(info, coordinates, scale, &mut notes),
             Axis::C => {}
             axis => {
                 let at = [Axis::X, Axis::Y, Axis::Z].iter().position(|a| a == axis).unwrap_or(0);
@@ -163,17 +163,19 @@ fn moment_of(units: &str) -> Option<String> {
 }
 
 /// Sets the times of the steps, in a unit such as `hours since 2000-01-01`. Returns that of a single step, which makes no axis.
-fn time(info: &mut SourceInfo, coordinates: &[f64], units: Option<&str>, notes: &mut Vec<Note>) -> Option<TimeSpan> {
+fn time(info: &mut SourceInfo, coordinates: &[f64], scale: &Scale, notes: &mut Vec<Note>) -> Option<TimeSpan> {
+    let units = scale.units.as_deref();
     let unit = units.and_then(unit_of_time);
-    let since = units.and_then(moment_of);
+    // A number in no known unit counts from no moment. Moments of two calendars are two.
+    let since = unit.and(units).and_then(moment_of).map(|moment| match &scale.calendar {
+        Some(calendar) => format!("{moment} ({})", calendar.trim()),
+        None => moment,
+    });
     if since.as_ref().is_some_and(|since| since.len() > LONGEST_MOMENT || since.chars().any(char::is_control)) {
         notes.push(Note::warning("The moment from which the file's times count is no short text: they are left out."));
         return None;
     }
-    if let [at] = coordinates {
-        return at.is_finite().then_some(TimeSpan { number: *at, unit, since });
-    }
-    if coordinates.len() < 2 {
+    if coordinates.is_empty() {
         return None;
     }
     if let (Some(units), None) = (units, unit) {
@@ -181,7 +183,15 @@ fn time(info: &mut SourceInfo, coordinates: &[f64], units: Option<&str>, notes: 
             Note::warning(format!("Times are in {units}, which is no known unit: it is left out."))
                 .settled_by(Setting::TimeUnit),
         );
-    } else if let Some(units) = units.filter(|units| units.contains(" since ")) {
+    }
+    if let [at] = coordinates {
+        if !at.is_finite() {
+            let note = Note::warning(format!("The file's time is {at}: it is left out."));
+            notes.push(note.settled_by(Setting::Times));
+        }
+        return at.is_finite().then_some(TimeSpan { number: *at, unit, since });
+    }
+    if let Some(units) = units.filter(|units| unit.is_some() && units.contains(" since ")) {
         notes.push(Note::new(format!("Times are in {units}.")));
     }
     match TimeAxis::of_stamps(coordinates.to_vec(), unit.map(str::to_owned)) {
@@ -249,13 +259,33 @@ mod tests {
     fn the_time_of_a_single_step_is_told() {
         let sizes = Sizes { extent: Extent::new(2, 2, 2), channels: 1, times: 1 };
         let (mut info, mut notes) = (SourceInfo::plain(sizes, VoxelType::F32), Vec::new());
-        let stamp = time(&mut info, &[4.5], Some("hours since 2026-01-01"), &mut notes);
+        let scale = |units: &str, calendar: Option<&str>| Scale {
+            name: "time".into(),
+            units: Some(units.into()),
+            calendar: calendar.map(str::to_owned),
+            letter: None,
+            coordinates: None,
+            is_single: false,
+        };
+        let hours = scale("hours since 2026-01-01", None);
+        let stamp = time(&mut info, &[4.5], &hours, &mut notes);
         assert!(info.time.is_none() && notes.is_empty(), "{notes:?}");
         let said = StepTime { stamp, increment: None }.left_out().unwrap();
         assert!(said.starts_with("The time of the only step, 4.5 hour since 2026-01-01, is left out: "), "{said:?}");
-        assert_eq!(time(&mut info, &[4.5, 5.0], Some("hours since 2026-01-01"), &mut notes), None);
-        assert_eq!(info.time.unwrap().since.as_deref(), Some("2026-01-01"));
+        assert_eq!(time(&mut info, &[4.5, 5.0], &hours, &mut notes), None);
+        assert_eq!(info.time.take().unwrap().since.as_deref(), Some("2026-01-01"));
         assert!(notes[0].starts_with("Times are in hours since"), "{notes:?}");
+        // Days of another calendar count otherwise.
+        let stamp = time(&mut info, &[4.5], &scale("days since 2026-01-01", Some("noleap")), &mut notes).unwrap();
+        assert_eq!(stamp.since.as_deref(), Some("2026-01-01 (noleap)"));
+        notes.clear();
+        let stamp = time(&mut info, &[4.5], &scale("months since 2026-01-01", None), &mut notes).unwrap();
+        assert_eq!((stamp.number, stamp.unit, stamp.since), (4.5, None, None));
+        assert!(time(&mut info, &[f64::NAN], &hours, &mut notes).is_none());
+        for (note, words) in notes.iter().zip(["which is no known unit", "The file's time is NaN"]) {
+            assert!(note.is_warning() && note.contains(words), "{note:?}");
+        }
+        assert_eq!(notes.len(), 2);
     }
 
     #[test]

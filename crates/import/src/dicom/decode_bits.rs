@@ -63,6 +63,15 @@ impl Bits {
             );
             return Err(ImportError::invalid(path, problem));
         }
+        // As where each frame begins at a byte of its own, against the standard.
+        if length > expected.next_multiple_of(2) {
+            let problem = format!(
+                "{} of {columns} x {rows} bits are {expected} bytes, found {length}: how frames are packed is not known; write \
+                 it again",
+                counted(count, "frame")
+            );
+            return Err(ImportError::invalid(path, problem));
+        }
         header.confirm()?;
         Ok(Self { columns, rows, count, offset: pixels.offset })
     }

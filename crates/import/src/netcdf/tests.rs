@@ -357,7 +357,10 @@ fn steps_are_turned_as_those_before() {
     let source = opened(&path, &options(along_y));
     assert_eq!(values(&*source), [&plain[8..], &plain[4..8], &plain[..4]].concat());
     assert_eq!(source.info().turned, along_y);
-    assert!(said(&source.info().notes).contains("turned round along y as those are; `flip` y keeps the file's order"));
+    assert!(said(&source.info().notes).contains("turned round along y as those are; `flip` none takes them"));
+    let as_the_store = OpenOptions { flip: Some([false; 3]), ..options(along_y) };
+    let source = opened(&path, &as_the_store);
+    assert_eq!((values(&*source), source.info().turned), (plain.clone(), along_y));
     let flipped = OpenOptions { flip: Some(along_y), ..options(along_y) };
     assert_eq!(values(&*opened(&path, &flipped)), plain);
     assert_eq!(values(&*opened(&placed, &options(along_y))), values(&*opened(&placed, &options([false; 3]))));
@@ -434,6 +437,23 @@ fn scales_in_words_are_numbers_and_others_are_told() {
     }
     let (_, _, notes) = opened(&[("_FillValue", Value::Text("none")), ("missing_value", Value::Text("-"))]);
     assert!(notes.contains("_FillValue is no single number") && notes.contains("missing_value is no number"));
+}
+
+/// Marks of doubles that f32 does not hold: the stored number is no data, and its neighbours are data.
+#[test]
+fn marks_of_doubles_may_be_beyond_f32() {
+    let numbers = |mark: f64| doubles(&[mark, 1.5, -2.0]);
+    let number = |number: f64| Value::Doubles(vec![number]);
+    for (name, mark) in [("_FillValue", 1e20), ("missing_value", -9999.9), ("_FillValue", 1e300)] {
+        let (_folder, path) = temp_file("a.nc", &with(&[(name, number(mark))], 6, numbers(mark)).finish());
+        let told = OpenOptions { variable: Some("a".into()), ..OpenOptions::default() };
+        let source = open(&path, &told).unwrap();
+        let found = values(&*source);
+        assert!(found[0].is_nan() && found[1..] == [1.5, -2.0] && source.info().knows_nodata, "{found:?}");
+        let nodata = NoData::None;
+        let kept = open(&path, &OpenOptions { nodata, allow_lossy: true, ..told }).unwrap();
+        assert_eq!(values(&*kept)[0], f64::from(mark as f32), "{mark}");
+    }
 }
 
 /// A fill value stands for the same bits as the numbers, whatever their sign.

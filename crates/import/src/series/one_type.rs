@@ -43,6 +43,7 @@ impl Encoding {
         let is_unlike_mark = |own: &Self| own.nodata != first.nodata;
         let Some(odd) = all.iter().position(|own| is_unlike_type(own) || is_unlike_mark(own)) else { return Ok(None) };
         let Some(voxel_type) = options.to_voxel_type.or_else(|| common_type(all)) else {
+            let odd = all.iter().position(is_unlike_type).unwrap_or(odd);
             let problem = format!(
                 "is {}, but {} is {}, and no type holds the values of all: name one with `to_voxel_type`",
                 all[odd].voxel_type,
