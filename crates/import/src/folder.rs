@@ -18,7 +18,7 @@ pub(crate) fn files_of(folder: &Path, options: &OpenOptions, read: &str) -> Resu
     let dicom = dicom_files::files_in(folder)?;
     let mut found: BTreeMap<Format, Vec<PathBuf>> = BTreeMap::new();
     for path in listed(folder)? {
-        let Some(format) = Format::of_name(&path).filter(|_| !dicom.contains(&path)) else { continue };
+        let Some(format) = Format::of_name(&path).filter(|_| dicom.binary_search(&path).is_err()) else { continue };
         if is_file(&path)? {
             found.entry(format).or_default().push(path);
         }

@@ -61,10 +61,11 @@ pub(crate) fn is_named(path: &Path, name: &str) -> Result<bool> {
 
 /// The header's bytes, unpacked; fewer if the file is cut short or its compressed data are damaged.
 fn start_of(path: &Path) -> Result<Vec<u8>> {
-    let body = Body::open(path)?;
-    if !body.is_coded() {
-        return first_bytes(path, HEADER_BYTES);
+    let plain = first_bytes(path, HEADER_BYTES)?;
+    if !plain.starts_with(&[0x1f, 0x8b]) {
+        return Ok(plain);
     }
+    let body = Body::open(path)?;
     let mut start = Vec::with_capacity(HEADER_BYTES);
     // Damage is reported by whoever needs the bytes behind it.
     let _ = body.reader()?.take(HEADER_BYTES as u64).read_to_end(&mut start);

@@ -1,5 +1,6 @@
 //! Entry point for inputs: opens the reader of their format, joins files, and applies the user's overrides.
 
+use crate::batches::{self, MOST_THREADS};
 use crate::channels::{Channels, NamedArray};
 use crate::component::Component;
 use crate::described::Described;
@@ -102,11 +103,15 @@ fn open_volume(inputs: &[PathBuf], options: &OpenOptions) -> Result<Box<dyn Sour
     // The given order is that of the steps, not of the files in a folder that forms one step.
     let order = options.order.filter(|order| *order != FileOrder::Given || !options.is_step);
     let format = format_of(&paths[0], options)?;
-    for path in &paths[1..] {
-        if format_of(path, options)? != format {
-            return Err(ImportError::options(path, format!("is of another format than {}", paths[0].display())));
-        }
-    }
+    batches::each(
+        &paths[1..],
+        MOST_THREADS,
+        |path| format_of(path, options),
+        |path, found| match found? == format {
+            true => Ok(()),
+            false => Err(ImportError::options(path, format!("is of another format than {}", paths[0].display()))),
+        },
+    )?;
     check_used(format, &paths[0], options)?;
     match (format, order) {
         (Format::Dicom, _) => check_named_once(&paths, "")?,

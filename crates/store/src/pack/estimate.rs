@@ -1,5 +1,5 @@
 //! The time of a pack, estimated before it starts from a sample of its own work: bricks, or planes, are read, measured, reduced and
-//! encoded for a quarter of a second, as packing will. Costs that time, a thread's buffers, and nothing for small inputs.
+//! encoded for at most a quarter of a second, as packing will. Costs that time, a thread's buffers, and nothing for small inputs.
 
 use crate::codec::BrickCodec;
 use crate::pack::PackOptions;
@@ -15,8 +15,10 @@ use std::time::{Duration, Instant};
 
 /// Inputs of fewer bytes are packed too soon for an estimate to matter.
 const LEAST_BYTES: u64 = 128 << 20;
-/// Time for the sample.
+/// Time for the sample of inputs of 16 GiB and more; of smaller ones less, some hundredth of their packing.
 const PATIENCE: Duration = Duration::from_millis(250);
+/// Bytes of the input for each millisecond of the sample.
+const BYTES_PER_MS: u64 = 64 << 20;
 /// Most bricks of a sample.
 const MOST_BRICKS: u64 = 64;
 
@@ -53,6 +55,7 @@ struct Sample<'a, T> {
     scratch: Scratch,
     encoded: Vec<u8>,
     began: Instant,
+    patience: Duration,
     reading: Duration,
     /// Voxels read.
     read: u64,
@@ -64,6 +67,7 @@ struct Sample<'a, T> {
 impl<'a, T: Measure> Sample<'a, T> {
     fn new(source: &'a dyn Source, options: &'a PackOptions, plan: &'a PackPlan) -> Self {
         let info = source.info();
+        let bytes = plan.input_voxels().saturating_mul(size_of::<T>() as u64);
         let (nodata, blanked) = no_data(info.sought_nodata());
         Self {
             source,
@@ -75,6 +79,7 @@ impl<'a, T: Measure> Sample<'a, T> {
             scratch: Scratch::default(),
             encoded: Vec::new(),
             began: Instant::now(),
+            patience: Duration::from_millis(bytes / BYTES_PER_MS).min(PATIENCE),
             reading: Duration::ZERO,
             read: 0,
             working: Duration::ZERO,
@@ -87,7 +92,7 @@ impl<'a, T: Measure> Sample<'a, T> {
     }
 
     fn has_time(&self) -> bool {
-        self.began.elapsed() < PATIENCE
+        self.began.elapsed() < self.patience
     }
 
     /// Reads and works through bricks all over the first step, spread evenly.
