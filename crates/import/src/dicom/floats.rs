@@ -40,15 +40,22 @@ pub(super) fn meaning_of(header: &Header, frames: &Frames, frame: usize, nodata:
 pub(super) fn losses(files: &[(Header, Frames)], slices: &[Slice], options: &OpenOptions) -> Result<Vec<Note>> {
     let mut notes = Vec::new();
     for (file, (header, frames)) in files.iter().enumerate() {
+        if !frames.format.is_float || frames.format.width != 8 {
+            continue;
+        }
         let own = || slices.iter().filter(|slice| slice.file == file);
-        let Some(first) = own().next().filter(|_| frames.format.is_float && frames.format.width == 8) else { continue };
+        let Some(first) = own().next() else { continue };
         // A single number for padding is no value. Others of a range count, lest a value be lost.
         let absent = first.meaning.float_padding.filter(|[least, greatest]| least == greatest).map(|[value, _]| value);
         let scale = absent.map(|value| Scale { absent: Some(value), ..Scale::new(1.0, 0.0, VoxelType::F32) });
         let decode = Decode { element: Element::F64, endian: frames.endian(), scale };
         let Some(mut losses) = Losses::may_occur(&header.path, decode, None, options) else { continue };
         for slice in own() {
-            losses.see(&frames.read(header, slice.frame)?.bytes)?;
+            let samples = frames.read(header, slice.frame)?;
+            let seen = losses.see(&samples.bytes);
+            // Even a lost value counts only if it is the file's.
+            samples.confirm()?;
+            seen?;
         }
         let note = losses.note();
         if !notes.contains(&note) {

@@ -137,13 +137,11 @@ impl Frames {
 
     /// Most memory for reading one frame, in bytes: the packed frame and its decoder. Native frames are mapped.
     pub(super) fn reader_bytes(&self) -> u64 {
-        if matches!(self.packing, Packing::Native(_)) {
-            return 0;
-        }
         let packed = |ranges: &Ranges| ranges.iter().map(|range| range.1).sum();
         let packed: u64 = self.places.iter().map(packed).max().unwrap_or(0);
         let per_pixel = match self.packing {
-            Packing::Native(_) | Packing::Deflated => 0,
+            Packing::Native(_) => return 0,
+            Packing::Deflated => 0,
             Packing::Encapsulated(Codec::Rle) => self.format.width as u64,
             Packing::Encapsulated(Codec::Jpeg) => JPEG_PIXEL_BYTES,
             Packing::Encapsulated(Codec::Jpeg2000) => JPEG_2000_PIXEL_BYTES,
@@ -168,8 +166,9 @@ impl Frames {
     pub(super) fn read(&self, header: &Header, frame: usize) -> Result<Samples> {
         let path = header.path.as_path();
         let frame = if self.mosaic.is_some() { 0 } else { frame };
-        if let (Packing::Native(endian), &[(first, length), ..]) = (self.packing, &self.places[frame][..]) {
-            return Ok(Samples { bytes: mapped(header, first, length)?, width: self.format.width, endian });
+        let (width, endian) = (self.format.width, self.endian());
+        if let (Packing::Native(_), &[(first, length), ..]) = (self.packing, &self.places[frame][..]) {
+            return Ok(Samples { bytes: mapped(header, first, length)?, width, endian });
         }
         let bytes = match (self.packing, &self.places[frame][..]) {
             (Packing::Deflated, &[(first, length), ..]) => header.read_inflated(first, length),
@@ -182,13 +181,12 @@ impl Frames {
             let problem = format!("frame {} cannot be decoded: {problem}; fetch the file again", frame + 1);
             ImportError::invalid(path, problem)
         };
-        let expected = self.format.pixels() * self.format.width as u64;
+        let expected = self.format.pixels() * width as u64;
         if expected / ABSURD_RATIO > bytes.len() as u64 {
             return Err(refuse(format!("{} bytes cannot hold {expected}", bytes.len())));
         }
         match self.packing {
-            Packing::Native(endian) => Ok(Samples::decoded(bytes, self.format.width, endian)),
-            Packing::Deflated => Ok(Samples::decoded(bytes, self.format.width, Endian::Little)),
+            Packing::Native(_) | Packing::Deflated => Ok(Samples::decoded(bytes, width, endian)),
             Packing::Encapsulated(codec) => {
                 let decode = match codec {
                     Codec::Rle => decode::rle,

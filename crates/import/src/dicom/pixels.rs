@@ -175,7 +175,7 @@ pub(super) struct Meaning {
     /// Least and greatest stored number of padding; `None` without padding. Padding becomes NaN in float voxels,
     /// otherwise the value of the least of these numbers.
     pub(super) padding: Option<[i64; 2]>,
-    /// The same of floats, which becomes NaN.
+    /// Least and greatest number of padding among floats, which becomes NaN.
     pub(super) float_padding: Option<[f64; 2]>,
 }
 
