@@ -65,11 +65,9 @@ pub(crate) fn no_such(file: &Path, name: &str, mut arrays: Vec<Listed>, rest: &s
 /// The error about a name that several arrays bear.
 pub(crate) fn ambiguous(file: &Path, name: &str, arrays: &[Listed]) -> ImportError {
     let problem = format!(
-        "`variable` {name}: is the name of {}; name one by its whole path, as in {}::{}: {}",
+        "`variable` {name}: is the name of {}; name one by its whole path, as in {}",
         counted(arrays.len() as u64, "dataset"),
-        name_of(file),
-        arrays.first().map_or("name", |first| &first.path),
-        listed(arrays)
+        with_paths(file, arrays)
     );
     ImportError::options(file, problem)
 }
@@ -77,13 +75,17 @@ pub(crate) fn ambiguous(file: &Path, name: &str, arrays: &[Listed]) -> ImportErr
 /// The error about a file of several volumes.
 pub(crate) fn several(file: &Path, volumes: &[Listed], rest: &str) -> ImportError {
     let problem = format!(
-        "holds {}; name one with `variable`, or in the path as {}::{}: {}{rest}",
+        "holds {}; name one with `variable`, or in the path as {}{rest}",
         counted(volumes.len() as u64, "dataset"),
-        name_of(file),
-        volumes.first().map_or("name", |first| &first.path),
-        listed(volumes)
+        with_paths(file, volumes)
     );
     ImportError::options(file, problem)
+}
+
+/// The file with the path of the first array, as an example, and all arrays.
+fn with_paths(file: &Path, arrays: &[Listed]) -> String {
+    let first = arrays.first().map_or("name", |first| &first.path);
+    format!("{}::{first}: {}", name_of(file), listed(arrays))
 }
 
 /// The error about a file without a volume.

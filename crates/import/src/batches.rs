@@ -14,6 +14,9 @@ pub(crate) fn each<T: Sync, R: Send, E>(
     mut take: impl FnMut(&T, R) -> Result<(), E>,
 ) -> Result<(), E> {
     let threads = std::thread::available_parallelism().map_or(1, usize::from).min(most_threads).max(1);
+    if threads == 1 {
+        return items.iter().try_for_each(|item| take(item, work(item)));
+    }
     let work = &work;
     for batch in items.chunks(BATCH) {
         let mut results: Vec<Option<R>> = batch.iter().map(|_| None).collect();

@@ -197,6 +197,11 @@ impl Lost {
     }
 }
 
+/// Whether voxels are held otherwise in a type: numbers of another, or marked by a value, which is NaN in converted floats.
+pub(crate) fn is_to_be_converted(info: &SourceInfo, to: VoxelType) -> bool {
+    info.voxel_type != to || to.is_float() && info.nodata.is_some() && !info.knows_nodata
+}
+
 /// Keeps the windows of channels within a type.
 pub(crate) fn clamp_windows(info: &mut SourceInfo, to: VoxelType) {
     let (least, most) = to.limits();

@@ -218,6 +218,17 @@ pub(crate) fn smallest_type(least: f64, greatest: f64) -> VoxelType {
     [U8, I8, U16, I16, U32, I32].into_iter().find(holds).unwrap_or(F32)
 }
 
+/// The smallest type that holds all values of some: of integers an integer, and f32 beside floats. `None` if there is none.
+pub(crate) fn common_type(types: impl IntoIterator<Item = VoxelType>) -> Option<VoxelType> {
+    let (mut least, mut greatest, mut has_floats) = (0.0f64, 0.0f64, false);
+    for own in types {
+        let [low, high] = Element::Voxel(own).limits();
+        (least, greatest) = (least.min(low), greatest.max(high));
+        has_floats |= own.is_float();
+    }
+    Some(smallest_type(least, greatest)).filter(|to| has_floats || !to.is_float())
+}
+
 /// Conversion of a stored number to a voxel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Decode {

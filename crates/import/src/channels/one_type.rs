@@ -2,8 +2,8 @@
 //! no data, which for unlike values is NaN. Each array is converted by itself, before they are joined.
 
 use super::{NamedArray, shown};
-use crate::converted::Converted;
-use crate::element::{Element, smallest_type};
+use crate::converted::{Converted, is_to_be_converted};
+use crate::element;
 use crate::error::{ImportError, Result};
 use crate::options::OpenOptions;
 use crate::part::Part;
@@ -65,7 +65,7 @@ pub(super) fn in_one_type(
         let channels = source.info().channels;
         let own_part = of_channels(Part::of(joined, &taken, &path)?, first, channels);
         first += channels;
-        if source.info().voxel_type == to && !is_to_be_marked(source.info(), to) {
+        if !is_to_be_converted(source.info(), to) {
             return Ok(NamedArray { name, path, source });
         }
         let place = PathBuf::from(format!("{} ({name})", path.display()));
@@ -83,31 +83,22 @@ fn mark_of(part: &NamedArray) -> (Option<f64>, bool) {
     (part.source.info().nodata, part.source.info().knows_nodata)
 }
 
-/// The smallest type that holds all values: of integers an integer, and f32 beside floats.
+/// The type that holds all values.
 fn common_type(parts: &[NamedArray]) -> Result<VoxelType> {
-    let (mut least, mut greatest) = (0.0f64, 0.0f64);
-    for (i, part) in parts.iter().enumerate() {
-        let [low, high] = Element::Voxel(type_of(part)).limits();
-        (least, greatest) = (least.min(low), greatest.max(high));
-        let has_floats = parts.iter().any(|part| type_of(part).is_float());
-        if !has_floats && smallest_type(least, greatest).is_float() {
-            let before: Vec<String> =
-                parts[..i].iter().map(|part| format!("{} of {}", type_of(part), shown(part))).collect();
-            let problem = format!(
-                "the voxel type of {} is {}, and none holds its values and the {}: name one with `to_voxel_type`",
-                part.name,
-                type_of(part),
-                before.join(", ")
-            );
-            return Err(ImportError::options(&part.path, problem));
-        }
-    }
-    Ok(smallest_type(least, greatest))
-}
-
-/// Whether an array's voxels without data have a value that converted ones, whose mark is NaN, do not have.
-fn is_to_be_marked(info: &SourceInfo, to: VoxelType) -> bool {
-    to.is_float() && info.nodata.is_some() && !info.knows_nodata
+    let of = |parts: &[NamedArray]| element::common_type(parts.iter().map(type_of));
+    of(parts).ok_or_else(|| {
+        let odd = (1..parts.len()).find(|odd| of(&parts[..=*odd]).is_none()).unwrap_or(0);
+        let before: Vec<String> =
+            parts[..odd].iter().map(|part| format!("{} of {}", type_of(part), shown(part))).collect();
+        let part = &parts[odd];
+        let problem = format!(
+            "the voxel type of {} is {}, and none holds its values and the {}: name one with `to_voxel_type`",
+            part.name,
+            type_of(part),
+            before.join(", ")
+        );
+        ImportError::options(&part.path, problem)
+    })
 }
 
 /// The part that lies in the channels of one array, numbered from its first.

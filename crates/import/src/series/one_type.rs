@@ -2,9 +2,9 @@
 //! of [`OpenOptions::to_voxel_type`]; unlike marks become NaN in floats. Costs a reading of the files whose values may be lost.
 
 use crate::conversion::may_lose;
-use crate::converted::Converted;
+use crate::converted::{Converted, is_to_be_converted};
 use crate::described::Described;
-use crate::element::{Element, smallest_type};
+use crate::element::common_type;
 use crate::error::{ImportError, Result};
 use crate::note::Note;
 use crate::options::{NoData, OpenOptions};
@@ -42,7 +42,8 @@ impl Encoding {
         let is_unlike_type = |own: &Self| own.voxel_type != first.voxel_type;
         let is_unlike_mark = |own: &Self| own.nodata != first.nodata;
         let Some(odd) = all.iter().position(|own| is_unlike_type(own) || is_unlike_mark(own)) else { return Ok(None) };
-        let Some(voxel_type) = options.to_voxel_type.or_else(|| common_type(all)) else {
+        let Some(voxel_type) = options.to_voxel_type.or_else(|| common_type(all.iter().map(|own| own.voxel_type)))
+        else {
             let odd = all.iter().position(is_unlike_type).unwrap_or(odd);
             let problem = format!(
                 "is {}, but {} is {}, and no type holds the values of all: name one with `to_voxel_type`",
@@ -80,11 +81,10 @@ impl Encoding {
         path: &Path,
     ) -> Result<Box<dyn Source>> {
         let own = Self::of(source.info(), options);
-        let is_marked = own.nodata.is_some() && !own.knows_nodata;
-        if own.voxel_type == self.voxel_type && !(self.voxel_type.is_float() && is_marked) {
+        let info = SourceInfo { nodata: own.nodata, knows_nodata: own.knows_nodata, ..source.info().clone() };
+        if !is_to_be_converted(&info, self.voxel_type) {
             return Ok(source);
         }
-        let info = SourceInfo { nodata: own.nodata, knows_nodata: own.knows_nodata, ..source.info().clone() };
         let source = Box::new(Described { info, source, first: 0 });
         Ok(Box::new(Converted::new(source, self.voxel_type, part, options, path)?))
     }
@@ -108,15 +108,4 @@ impl Encoding {
     pub(super) fn may_lose(self, own: Self) -> bool {
         may_lose(own.voxel_type, self.voxel_type)
     }
-}
-
-/// The smallest type that holds all values: of integers an integer, and f32 beside floats.
-fn common_type(all: &[Encoding]) -> Option<VoxelType> {
-    let (mut least, mut greatest, mut has_floats) = (0.0f64, 0.0f64, false);
-    for own in all {
-        let [low, high] = Element::Voxel(own.voxel_type).limits();
-        (least, greatest) = (least.min(low), greatest.max(high));
-        has_floats |= own.voxel_type.is_float();
-    }
-    Some(smallest_type(least, greatest)).filter(|to| has_floats || !to.is_float())
 }
