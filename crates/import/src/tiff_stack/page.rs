@@ -11,6 +11,7 @@ use crate::stamp::Stamp;
 use brickyard_volume::{VoxelBox, VoxelType};
 use std::fs::File;
 use std::io::{ErrorKind, Read, Seek, SeekFrom};
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 use tiff::decoder::{ChunkType, Decoder, DecodingSampleType, Limits};
 use tiff::tags::{ByteOrder, Tag};
@@ -440,10 +441,10 @@ impl OpenTiff {
         let (chunk_width, chunk_height) = self.chunk_size(format);
         let (across, down) = self.chunks(format);
         let plane = if format.planar { sample * across * down } else { 0 };
+        let is_in_place = (format.planar || format.samples == 1) && decode.is_copy();
         for row in region.min.y / chunk_height..=(region.max.y - 1) / chunk_height {
             for column in region.min.x / chunk_width..=(region.max.x - 1) / chunk_width {
                 let corner = [column * chunk_width, row * chunk_height];
-                let stride = self.decode_chunk(plane + row * across + column, format)?;
                 let chunk = VoxelBox::new(
                     [corner[0], corner[1], region.min.z],
                     [
@@ -452,35 +453,63 @@ impl OpenTiff {
                         region.max.z,
                     ],
                 );
-                self.copy(format, if format.planar { 0 } else { sample }, decode, stride, chunk, region, out);
+                let index = plane + row * across + column;
+                let size = self.decoded_size(index)?;
+                let rows = whole_rows(chunk, region, decode.voxel_type().bytes());
+                match rows.filter(|rows| is_in_place && rows.len() == size.bytes) {
+                    Some(rows) => self.decode_into(index, format, size, &mut out[rows])?,
+                    None => {
+                        self.decode_chunk(index, format)?;
+                        self.copy(
+                            format,
+                            if format.planar { 0 } else { sample },
+                            decode,
+                            size.row_bytes,
+                            chunk,
+                            region,
+                            out,
+                        );
+                    }
+                }
             }
         }
         Ok(())
     }
 
-    /// Decodes a strip or tile into the buffer; returns the bytes from one of its rows to the next.
-    fn decode_chunk(&mut self, index: u32, format: &PageFormat) -> Result<usize> {
+    fn decoded_size(&mut self, index: u32) -> Result<DecodedSize> {
         let layout = self.decoder.image_chunk_buffer_layout(index);
         let layout = layout.map_err(|e| refusal(&self.path, &format!("strip or tile {index}"), e))?;
-        let stride = layout.row_stride.map_or(layout.len, usize::from);
-        self.chunk.resize(layout.len, 0);
+        Ok(DecodedSize { bytes: layout.len, row_bytes: layout.row_stride.map_or(layout.len, usize::from) })
+    }
+
+    /// Decodes a strip or tile into the buffer.
+    fn decode_chunk(&mut self, index: u32, format: &PageFormat) -> Result<()> {
+        let size = self.decoded_size(index)?;
+        let mut chunk = std::mem::take(&mut self.chunk);
+        chunk.resize(size.bytes, 0);
+        let decoded = self.decode_into(index, format, size, &mut chunk);
+        self.chunk = chunk;
+        decoded
+    }
+
+    /// Decodes a strip or tile into `chunk`, of its size.
+    fn decode_into(&mut self, index: u32, format: &PageFormat, size: DecodedSize, chunk: &mut [u8]) -> Result<()> {
         if let Packing::Unknown = self.packing {
             self.packing = self.find_packing()?;
         }
         if let Packing::Lzw { .. } = self.packing {
-            self.decode_lzw(index, format, stride)?;
-            return Ok(stride);
+            return self.decode_lzw(index, format, size.row_bytes, chunk);
         }
-        let Self { path, decoder, chunk, .. } = self;
+        let Self { path, decoder, .. } = self;
         decoder.read_chunk_bytes(index, chunk).map_err(|e| not_decoded(path, index, e))?;
         if format.white_is_zero {
             chunk.iter_mut().for_each(|b| *b = !*b);
         }
-        Ok(stride)
+        Ok(())
     }
 
-    /// Decodes an LZW strip or tile into the buffer, with rows of `stride` bytes.
-    fn decode_lzw(&mut self, index: u32, format: &PageFormat, stride: usize) -> Result<()> {
+    /// Decodes an LZW strip or tile into `chunk`, with rows of `stride` bytes.
+    fn decode_lzw(&mut self, index: u32, format: &PageFormat, stride: usize, chunk: &mut [u8]) -> Result<()> {
         let damaged = |path: &Path, problem: String| {
             let problem = format!("strip or tile {index} cannot be decoded: {problem}; fetch the file again");
             ImportError::invalid(path, problem)
@@ -488,7 +517,7 @@ impl OpenTiff {
         let endian = self.endian();
         let (data_width, rows) = self.decoder.chunk_data_dimensions(index);
         let chunk_width = self.decoder.chunk_dimensions().0.max(data_width);
-        let Self { path, decoder, stamp, packing, chunk, scratch: [unpacked, packed], .. } = self;
+        let Self { path, decoder, stamp, packing, scratch: [unpacked, packed], .. } = self;
         let Packing::Lzw { offsets, counts, predictor } = packing else { return Ok(()) };
         let place = offsets.get(index as usize).zip(counts.get(index as usize));
         let place = place.filter(|(at, count)| at.checked_add(**count).is_some_and(|end| end <= stamp.bytes));
@@ -506,8 +535,8 @@ impl OpenTiff {
 
         let rows_of = Rows { predictor: *predictor, endian, width, samples, bytes: row as usize };
         // Rows of a tile may continue past the image.
-        let whole = if rows_of.bytes == stride { &mut *chunk } else { &mut *unpacked };
-        whole.resize(rows_of.bytes * rows as usize, 0);
+        unpacked.resize(if rows_of.bytes == stride { 0 } else { rows_of.bytes * rows as usize }, 0);
+        let whole = if rows_of.bytes == stride { &mut *chunk } else { &mut unpacked[..] };
         lzw::unpack(packed, whole).map_err(|problem| damaged(path, problem))?;
         lzw::undo(whole, rows_of);
         if rows_of.bytes != stride {
@@ -607,6 +636,23 @@ fn limits(file_bytes: u64) -> Limits {
 
 fn is_unsigned(element: Element) -> bool {
     matches!(element, Element::Voxel(VoxelType::U8 | VoxelType::U16 | VoxelType::U32) | Element::U64)
+}
+
+/// Size of a decoded strip or tile.
+#[derive(Clone, Copy)]
+struct DecodedSize {
+    bytes: usize,
+    /// From one row to the next.
+    row_bytes: usize,
+}
+
+/// The place of a strip's rows in the voxels of `region`, if it is of whole rows there.
+fn whole_rows(strip: VoxelBox, region: VoxelBox, voxel_bytes: usize) -> Option<Range<usize>> {
+    let is_whole = strip.min.x == region.min.x && strip.max.x == region.max.x;
+    let is_within = strip.min.y >= region.min.y && strip.max.y <= region.max.y;
+    let row_bytes = region.extent().x as usize * voxel_bytes;
+    (is_whole && is_within)
+        .then(|| (strip.min.y - region.min.y) as usize * row_bytes..(strip.max.y - region.min.y) as usize * row_bytes)
 }
 
 /// A strip or tile of uncompressed pixels.

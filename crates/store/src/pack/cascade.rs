@@ -8,7 +8,8 @@
 //!
 //! A *stage* is one level of one pyramid; level 0 yields a coarse part for the next stage of each.
 //!
-//! Layers are barriers: a window is written by one layer and read by a later one, never both at once.
+//! Layers are barriers: a window is written by one layer and read by a later one, never both at once. While a layer of level 0 is
+//! packed from its window, a thread reads the planes of the next into another.
 //!
 //! A panicking thread (usually the source's fault) stops the sequence as it unwinds, so the others end too; its message
 //! becomes the reason for stopping.
@@ -235,7 +236,8 @@ impl<T: Measure> Shared<'_, T> {
         for time in self.pass.plan.steps.clone() {
             for channel in 0..layout.channels {
                 let windows = self.windows().map_err(Stop::Disk)?;
-                let mut volume = Volume { shared: self, pool, time, channel, windows, number };
+                let ahead = self.window_ahead().map_err(Stop::Disk)?;
+                let mut volume = Volume { shared: self, pool, time, channel, windows, ahead, number };
                 volume.stream()?;
                 number = volume.number;
                 for worker in &self.workers {
@@ -249,15 +251,23 @@ impl<T: Measure> Shared<'_, T> {
         Ok(())
     }
 
+    /// A window of each stage.
     fn windows(&self) -> Result<Vec<RwLock<Window>>, DiskError> {
-        let Pass { plan, store, .. } = *self.pass;
-        let window = |stage: &Stage| {
-            let scratch = (!stage.window.in_memory).then_some(store);
-            Window::new(stage.grid().extent, size_of::<T>(), stage.window.capacity, scratch)
-                .map(RwLock::new)
-                .map_err(|error| DiskError { path: store.into(), error })
-        };
-        plan.stages.iter().map(window).collect()
+        self.pass.plan.stages.iter().map(|stage| self.window(stage).map(RwLock::new)).collect()
+    }
+
+    /// The second window of level 0; `None` if it has no next layer of planes.
+    fn window_ahead(&self) -> Result<Option<Window>, DiskError> {
+        let stage = &self.pass.plan.stages[0];
+        (stage.window.layers > 1).then(|| self.window(stage)).transpose()
+    }
+
+    fn window(&self, stage: &Stage) -> Result<Window, DiskError> {
+        let store = self.pass.store;
+        let scratch = (!stage.window.in_memory).then_some(store);
+        let edge = if stage.window.layers == 0 { 0 } else { stage.layout.pyramid.edge() };
+        Window::new(stage.grid().extent, size_of::<T>(), edge, scratch)
+            .map_err(|error| DiskError { path: store.into(), error })
     }
 
     /// The writer: shards and statistics in brick order. Returns each channel's range and tally of level 0.
@@ -332,6 +342,8 @@ struct Volume<'a, T> {
     time: u32,
     channel: u32,
     windows: Vec<RwLock<Window>>,
+    /// The window into which the planes of the next layer are read.
+    ahead: Option<Window>,
     /// The number of the next brick in the sequence.
     number: u64,
 }
@@ -343,7 +355,8 @@ impl<'a, T: Measure> Volume<'a, T> {
 
     fn stream(&mut self) -> Result<(), Stop> {
         if self.by_planes() {
-            self.read_planes(self.slices_for(0, 0)).map_err(Stop::Source)?;
+            let mut window = self.windows[0].write().unwrap_or_else(PoisonError::into_inner);
+            self.read_planes(&mut window, 0).map_err(Stop::Source)?;
         }
         let mut next_layer = vec![0; self.windows.len()];
         while next_layer[0] < self.layers(0) && !self.shared.sequence.is_aborted() {
@@ -384,20 +397,15 @@ impl<'a, T: Measure> Volume<'a, T> {
         end.min(self.plan().stages[s].grid().extent.z as u64) as u32
     }
 
-    /// Decodes the source's planes up to `end` into level 0's window.
-    fn read_planes(&self, end: u32) -> Result<(), ImportError> {
+    /// Reads the planes of a layer into a window of level 0.
+    fn read_planes(&self, window: &mut Window, layer: u32) -> Result<(), ImportError> {
         let extent = self.shared.pass.source.info().extent;
-        let first = self.filled(0);
-        let mut plane = vec![0; if first < end { extent.x as usize * extent.y as usize * size_of::<T>() } else { 0 }];
-        for z in first..end {
+        for z in layer * self.plan().layout.pyramid.edge()..self.slices_for(0, layer) {
             if self.shared.sequence.is_aborted() || self.shared.is_cancelled() {
                 break;
             }
             let region = VoxelBox::new([0, 0, z], [extent.x, extent.y, z + 1]);
-            self.shared.pass.source.read_box(self.time, self.channel, region, &mut plane)?;
-            let mut window = self.windows[0].write().unwrap_or_else(PoisonError::into_inner);
-            window.write_box(region, &plane);
-            window.filled = z + 1;
+            self.shared.pass.source.read_box(self.time, self.channel, region, window.slice_mut(z))?;
         }
         Ok(())
     }
@@ -408,6 +416,7 @@ impl<'a, T: Measure> Volume<'a, T> {
         let first_number = self.number;
         self.number += bricks;
         let next = AtomicUsize::new(0);
+        let mut ahead = if s == 0 { self.ahead.take() } else { None };
         let this = &*self;
         if s == 0 {
             this.announce(0, layer);
@@ -425,19 +434,21 @@ impl<'a, T: Measure> Volume<'a, T> {
                 }
             });
         };
-        if s == 0 && this.by_planes() {
-            let end = this.slices_for(0, layer + 1);
-            std::thread::scope(|scope| {
+        match &mut ahead {
+            Some(ahead) if layer + 1 < this.layers(0) => std::thread::scope(|scope| {
                 let reader = scope.spawn(|| {
                     let _stop = this.shared.sequence.stop_on_panic();
-                    this.read_planes(end)
+                    this.read_planes(ahead, layer + 1)
                 });
                 work();
                 reader.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
             })
-            .map_err(Stop::Source)?;
-        } else {
-            work();
+            .map_err(Stop::Source)?,
+            _ => work(),
+        }
+        if let Some(ahead) = ahead {
+            let window = self.windows[0].get_mut().unwrap_or_else(PoisonError::into_inner);
+            self.ahead = Some(std::mem::replace(window, ahead));
         }
         let fine = self.plan().stages[s].grid();
         for (coarser, _) in self.plan().coarser(s) {

@@ -9,11 +9,11 @@
 //! side data = at most 20 layers of each stage's bricks * (4 voxels + 16 bytes), 16 of its shards * 16 bytes; if shards hold several time
 //!        steps, as many steps' pages of all channels, and those of one file while they are joined
 //! stages = level 0, and levels k >= 1 of each pyramid
-//! reading = a plane of level 0 + the needs of the source's reader    (one thread reads whole planes)
+//! reading = the needs of the source's reader                         (one thread reads whole planes, into the window)
 //!         = threads * the needs of the source's reader               (sources that read boxes)
-//! window of level k = capacity_k * x_k * y_k * voxel bytes
-//! capacity_k = edge                                                  (k >= 1: packed as soon as it is full)
-//! capacity_0 = 2 edge for sources that decode whole planes, none for those that read boxes
+//! window of level k = layers_k * min(edge, z_k) * x_k * y_k * voxel bytes
+//! layers_k = 1                                                       (k >= 1: packed as soon as it is full)
+//! layers_0 = 2 for sources that decode whole planes (one is packed, one filled), none for those that read boxes
 //! ```
 //!
 //! With stored aprons, the second pass has no windows, and needs instead
@@ -96,11 +96,11 @@ impl Stage {
     }
 }
 
-/// The size of one stage's window of slices, and whether it is kept in memory.
+/// The size of one stage's window, and whether it is kept in memory.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct WindowPlan {
-    /// Number of slices in the window; 0 if there is no window.
-    pub(crate) capacity: u32,
+    /// Number of layers of bricks in the window; 0 if there is no window.
+    pub(crate) layers: u32,
     pub(crate) bytes: u64,
     pub(crate) in_memory: bool,
 }
@@ -394,15 +394,15 @@ impl ApronMemory {
 fn stages(layout: &Layout, access: Access, voxel_type: VoxelType, reductions: Reductions) -> Vec<Stage> {
     let edge = layout.pyramid.edge();
     let stage = |layout: &Layout, k: usize, from| {
-        let extent = layout.pyramid.levels()[k].extent;
-        let capacity = match k {
+        let LevelGrid { extent, bricks, .. } = layout.pyramid.levels()[k];
+        let layers = match k {
             0 if access == Access::Box => 0,
-            0 => 2 * edge,
-            _ => edge,
+            0 => bricks.z.min(2),
+            _ => 1,
         };
-        let capacity = capacity.min(extent.z);
-        let bytes = extent.x as u64 * extent.y as u64 * voxel_type.bytes() as u64 * capacity as u64;
-        let window = WindowPlan { capacity, bytes, in_memory: true };
+        let slices = layers as u64 * edge.min(extent.z) as u64;
+        let bytes = extent.x as u64 * extent.y as u64 * voxel_type.bytes() as u64 * slices;
+        let window = WindowPlan { layers, bytes, in_memory: true };
         Stage { layout: layout.clone(), level: Level(k as u8), from, window }
     };
     let mut stages = vec![stage(layout, 0, None)];
@@ -448,12 +448,8 @@ fn open_shards(stage: &Stage) -> u64 {
 
 /// Memory of an open source, and of the threads reading it.
 fn reading_bytes(source: &dyn Source, options: &PackOptions) -> u64 {
-    let info = source.info();
     let by_threads = match source.access() {
-        Access::Planes => {
-            let plane = info.extent.x as u64 * info.extent.y as u64 * info.voxel_type.bytes() as u64;
-            source.reader_bytes().saturating_add(plane)
-        }
+        Access::Planes => source.reader_bytes(),
         Access::Box => source.reader_bytes().saturating_mul(options.threads as u64),
     };
     source.held_bytes().saturating_add(by_threads)

@@ -1,5 +1,5 @@
-//! The slices of one level still in use: a ring along z, in memory or, if memory is short, in a mapped scratch file,
-//! and so in reclaimable page cache.
+//! The slices of one layer of a level's bricks, in memory or, if memory is short, in a mapped scratch file, and so in
+//! reclaimable page cache.
 
 use brickyard_import::Lent;
 use brickyard_import::temporary::unnamed_in;
@@ -13,22 +13,22 @@ use std::path::Path;
 pub(crate) struct Window {
     bytes: MmapMut,
     voxel_bytes: usize,
-    /// Extent of the level; its `z` slices pass through the ring one after another.
+    /// Extent of the level; its layers pass through the window one after another.
     extent: Extent,
-    /// Slices held at a time.
-    capacity: usize,
-    /// Number of slices written so far, from the first.
+    /// Slices of a layer.
+    edge: u32,
+    /// Number of the level's slices written so far, from the first.
     pub(crate) filled: u32,
 }
 
 impl Window {
-    /// Creates a ring of `capacity` slices in memory, or in an unnamed file in the directory `scratch`, if given.
+    /// Creates a window of layers of up to `edge` slices in memory, or in an unnamed file in the directory `scratch`, if given.
     ///
     /// # Errors
     /// If the disk has no room for the scratch file, or the system refuses the memory.
-    pub(crate) fn new(extent: Extent, voxel_bytes: usize, capacity: u32, scratch: Option<&Path>) -> io::Result<Self> {
-        let capacity = capacity as usize;
-        let bytes = capacity * extent.x as usize * extent.y as usize * voxel_bytes;
+    pub(crate) fn new(extent: Extent, voxel_bytes: usize, edge: u32, scratch: Option<&Path>) -> io::Result<Self> {
+        let slices = edge.min(extent.z) as usize;
+        let bytes = slices * extent.x as usize * extent.y as usize * voxel_bytes;
         let bytes = match scratch {
             None => MmapMut::map_anon(bytes)?,
             Some(dir) => {
@@ -39,23 +39,29 @@ impl Window {
                 unsafe { MmapMut::map_mut(&file)? }
             }
         };
-        Ok(Self { bytes, voxel_bytes, extent, capacity, filled: 0 })
+        Ok(Self { bytes, voxel_bytes, extent, edge, filled: 0 })
     }
 
     fn row(&self, x: u32, y: u32, z: u32) -> usize {
-        let slice = z as usize % self.capacity;
+        let slice = (z % self.edge) as usize;
         ((slice * self.extent.y as usize + y as usize) * self.extent.x as usize + x as usize) * self.voxel_bytes
     }
 
-    /// The voxels of a box, in place. Its slices must be among the last `capacity` written, and must not pass the end
-    /// of the ring.
+    /// The voxels of a box, in place. Its slices are of the layer written last.
     pub(crate) fn lend(&self, region: VoxelBox) -> Lent<'_> {
         let slice_bytes = self.extent.x as usize * self.extent.y as usize * self.voxel_bytes;
         let start = self.row(region.min.x, region.min.y, region.min.z);
         Lent { bytes: &self.bytes[start..], row_bytes: self.extent.x as usize * self.voxel_bytes, slice_bytes }
     }
 
-    /// Copies a box of packed voxels into the ring.
+    /// The voxels of a slice, to be written.
+    pub(crate) fn slice_mut(&mut self, z: u32) -> &mut [u8] {
+        let start = self.row(0, 0, z);
+        let end = start + self.extent.x as usize * self.extent.y as usize * self.voxel_bytes;
+        &mut self.bytes[start..end]
+    }
+
+    /// Copies a box of packed voxels into the window.
     pub(crate) fn write_box(&mut self, region: VoxelBox, voxels: &[u8]) {
         let row_bytes = region.extent().x as usize * self.voxel_bytes;
         let mut rows = voxels.chunks_exact(row_bytes);
@@ -92,7 +98,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn rings_keep_the_last_slices_wherever_they_live() {
+    fn windows_keep_a_layer_wherever_they_live() {
         let dir = tempfile::tempdir().unwrap();
         for scratch in [None, Some(dir.path())] {
             let mut window = Window::new(Extent::new(4, 3, 9), 2, 3, scratch).unwrap();
