@@ -142,7 +142,7 @@ fn damaged_and_foreign_files() {
         ("tail.nii.gz", gz[..gz.len() - 4].to_vec()),
         ("flipped.nii.gz", flipped),
         ("garbage.nii", vec![7; 1000]),
-        ("complex.nii", nifti_header(&[20, 30, 40], 32, 64)),
+        ("complex.nii", nifti_header(&[20, 30, 40], 2048, 256)),
         ("zero.nii", nifti_header(&[20, 0, 40], 2, 8)),
         ("negative.nii", nifti_header(&[20, -30, 40], 2, 8)),
         ("huge.nii", nifti_header(&[32767; 7], 64, 64)),

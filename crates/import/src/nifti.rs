@@ -127,6 +127,9 @@ impl Found {
                 notes.push(Note::warning("Colours are not scaled, by the standard: scl_slope is passed over."));
             }
         }
+        if self.header.fields.is_complex() {
+            info.channel_looks = looks::named(&looks::COMPLEX);
+        }
         placement::place(&self.header.fields, &mut info, &mut notes);
         if let Some(analyze) = &self.header.analyze {
             analyze.place(&self.header.fields, &self.header_path, &mut info, &mut notes);
@@ -352,6 +355,27 @@ mod tests {
     }
 
     #[test]
+    fn complex_numbers_are_two_channels() {
+        let field = Field { sizes: [5, 4, 3, 2, 2], voxel_type: VoxelType::F32 };
+        let header = Written { two: true, ..Written::new(&[5, 4, 3, 2], 32, 64) }.header();
+        let (_folder, path) = temp_file("a.nii", &[header, field.bytes("tzyxc", false)].concat());
+        let source = open(&path, &options()).unwrap();
+        assert_boxes(&source, field);
+        let names = source.info().channel_looks.iter().filter_map(|look| look.name.as_deref());
+        assert_eq!(names.collect::<Vec<_>>(), ["real", "imaginary"]);
+        // Both parts are scaled.
+        let header = Written { slope: 0.5, ..Written::new(&[2, 1, 1], 1792, 128) }.header();
+        let values = [1.0f64, 2.0, 3.0, 4.0].map(f64::to_le_bytes).concat();
+        let (_folder, path) = temp_file("a.nii", &[header, values].concat());
+        let source = open(&path, &options()).unwrap();
+        for (channel, expected) in [(0, [0.5f32, 1.5]), (1, [1.0, 2.0])] {
+            let mut out = [0; 8];
+            source.read_box(0, channel, source.info().extent.full_box(), &mut out).unwrap();
+            assert_eq!(out, expected.map(f32::to_le_bytes).concat()[..], "channel {channel}");
+        }
+    }
+
+    #[test]
     fn slope_and_intercept_make_floats_unless_they_change_nothing() {
         for (slope, intercept, expected) in [
             (2.0, -1.0, Some([1.0f32, 509.0])),
@@ -544,7 +568,12 @@ mod tests {
         assert!(refusal(plain(&[2, 2, 2, 2, 2, 2])).contains("sixth"));
         assert!(refusal(Written::new(&[2, 2, 2], 128, 8)).contains("3 x u8 has 24 bits, but bitpix says 8"));
         assert!(refusal(Written::new(&[2, 2, 2, 1, 3], 128, 24)).contains("colours along a fifth dimension (3)"));
-        assert!(refusal(Written::new(&[2, 2, 2], 32, 64)).contains("complex numbers"));
+        assert!(
+            refusal(Written::new(&[2, 2, 2, 1, 3], 32, 64)).contains("complex numbers along a fifth dimension (3)")
+        );
+        assert!(refusal(Written::new(&[2, 2, 2], 2048, 256)).contains("complex numbers of 128-bit floats"));
+        let shifted = Written { slope: 2.0, intercept: 1.0, ..Written::new(&[2, 2, 2], 1792, 128) };
+        assert!(refusal(shifted).contains("complex numbers with a shift (scl_inter 1)"));
         assert!(refusal(Written::new(&[2, 2, 2], 4, 8)).contains("bitpix says 8"));
         assert!(refusal(Written { vox_offset: Some(-5), ..plain(&[2, 2, 2]) }).contains("from byte -5 on"));
         for name in ["a.nii", "a.nii.gz"] {

@@ -5,6 +5,7 @@ use super::fields::{Bytes, Fields};
 use crate::axes::{Axis, AxisOrder, Sizes};
 use crate::element::{Decode, Element, Endian, Scale};
 use crate::error::{ImportError, Result};
+use crate::looks::COMPLEX;
 use crate::raw::ArrayLayout;
 use brickyard_volume::{Extent, VoxelType};
 use std::io::Read;
@@ -13,6 +14,10 @@ use std::path::Path;
 /// Datatypes of colours.
 const RGB: i16 = 128;
 const RGBA: i16 = 2304;
+
+/// Datatypes of complex numbers, of 32-bit and 64-bit floats.
+const COMPLEX64: i16 = 32;
+const COMPLEX128: i16 = 1792;
 
 /// A checked NIfTI-1 or NIfTI-2 header.
 pub(super) struct Header {
@@ -79,15 +84,20 @@ impl Fields {
     fn checked(self, endian: Endian, single_file: bool, header_bytes: u64) -> Result<Header, Refusal> {
         let (mut sizes, element) = (self.sizes()?, self.element()?);
         let offset = self.body_offset(single_file, header_bytes)?;
-        let colors = self.colors();
         // By the standard, colours are not scaled.
-        let scale = if colors.is_some() { None } else { self.scale()? };
+        let scale = if self.colors().is_some() { None } else { self.scale()? };
+        if self.is_complex() && scale.is_some_and(|scale| scale.intercept != 0.0) {
+            let intercept = self.intercept;
+            // nibabel shifts the real part alone.
+            return Err(Refusal::Unsupported(format!("complex numbers with a shift (scl_inter {intercept})")));
+        }
         let decode = Decode { element, endian, scale };
-        // The fifth dimension, read as channels, is the slowest; the parts of a colour lie side by side.
+        // The fifth dimension, read as channels, is the slowest; the parts of a colour or complex number lie side by side.
         let mut axes = AxisOrder::of(&[Axis::C, Axis::T, Axis::Z, Axis::Y, Axis::X]);
-        if let Some(parts) = colors {
+        if let Some(parts) = self.parts() {
             if sizes.channels > 1 {
-                return Err(Refusal::Unsupported(format!("colours along a fifth dimension ({})", sizes.channels)));
+                let what = if self.is_complex() { "complex numbers" } else { "colours" };
+                return Err(Refusal::Unsupported(format!("{what} along a fifth dimension ({})", sizes.channels)));
             }
             sizes.channels = parts;
             axes = AxisOrder::of(&[Axis::T, Axis::Z, Axis::Y, Axis::X, Axis::C]);
@@ -122,13 +132,22 @@ impl Fields {
         }
     }
 
+    pub(super) fn is_complex(&self) -> bool {
+        matches!(self.datatype, COMPLEX64 | COMPLEX128)
+    }
+
+    /// Numbers of a voxel, if it has several.
+    fn parts(&self) -> Option<u32> {
+        if self.is_complex() { Some(COMPLEX.len() as u32) } else { self.colors() }
+    }
+
     fn element(&self) -> Result<Element, Refusal> {
         let element = match self.datatype {
             2 | RGB | RGBA => Element::Voxel(VoxelType::U8),
             4 => Element::Voxel(VoxelType::I16),
             8 => Element::Voxel(VoxelType::I32),
-            16 => Element::Voxel(VoxelType::F32),
-            64 => Element::F64,
+            16 | COMPLEX64 => Element::Voxel(VoxelType::F32),
+            64 | COMPLEX128 => Element::F64,
             256 => Element::Voxel(VoxelType::I8),
             512 => Element::Voxel(VoxelType::U16),
             768 => Element::Voxel(VoxelType::U32),
@@ -137,14 +156,14 @@ impl Fields {
             code => {
                 let name = match code {
                     1 => "bits",
-                    32 | 1792 | 2048 => "complex numbers",
+                    2048 => "complex numbers of 128-bit floats",
                     1536 => "128-bit floats",
                     _ => "unknown",
                 };
                 return Err(Refusal::Unsupported(format!("datatype {code} ({name})")));
             }
         };
-        let parts = self.colors().unwrap_or(1) as usize;
+        let parts = self.parts().unwrap_or(1) as usize;
         let (name, bits, bitpix) = (element.name(), element.bytes() * 8 * parts, self.bitpix);
         let name = if parts > 1 { format!("{parts} x {name}") } else { name.into() };
         if bitpix as usize != bits {
