@@ -25,7 +25,20 @@ pub(crate) fn line(text: Arguments<'_>) {
 
 pub(crate) fn error(text: Arguments<'_>) {
     // A closed pipe is no reason to end the work.
-    let _ = writeln!(std::io::stderr(), "{text}");
+    let _ = writeln!(std::io::stderr(), "{}", without_controls(&text.to_string()));
+}
+
+/// A text with escapes for control characters: names from files may hold any, and a terminal would obey them.
+fn without_controls(text: &str) -> String {
+    let mut shown = String::with_capacity(text.len());
+    for c in text.chars() {
+        match c {
+            '\n' | '\t' => shown.push(c),
+            c if c.is_control() => shown.extend(c.escape_default()),
+            c => shown.push(c),
+        }
+    }
+    shown
 }
 
 /// Prints a message about the work, unless quiet; like `eprintln!`.
@@ -33,3 +46,11 @@ macro_rules! say {
     ($($part:tt)*) => { $crate::say::line(format_args!($($part)*)) };
 }
 pub(crate) use say;
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn control_characters_do_not_reach_the_terminal() {
+        assert_eq!(super::without_controls("a\u{1b}[2J\0\u{9b}1mé\n\tb"), "a\\u{1b}[2J\\u{0}\\u{9b}1mé\n\tb");
+    }
+}
