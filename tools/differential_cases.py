@@ -226,7 +226,16 @@ def nifti_reference(path):
     image = nibabel.load(path)
     header, proxy = image.header, image.dataobj
     rescaled = (proxy.slope, proxy.inter) != (1.0, 0.0)
-    array = image.get_fdata(caching="unchanged") if rescaled else np.asanyarray(proxy)
+    stored = proxy.get_unscaled()
+    if stored.dtype.kind in "Vc":
+        # Colours, which the standard does not scale, and complex numbers are read as channels.
+        rescaled = rescaled and stored.dtype.kind == "c"
+        voxels = np.asanyarray(proxy) if rescaled else stored
+        voxels = voxels.reshape(*voxels.shape, *[1] * (4 - voxels.ndim))
+        parts = [voxels[name] for name in voxels.dtype.names] if voxels.dtype.names else [voxels.real, voxels.imag]
+        array = np.concatenate([part.reshape(*voxels.shape[:4], -1) for part in parts], -1)
+    else:
+        array = image.get_fdata(caching="unchanged") if rescaled else np.asanyarray(proxy)
     while array.ndim > 5 and array.shape[-1] == 1:
         array = array[..., 0]
     if array.dtype.kind not in "biuf" or array.ndim > 5:
@@ -336,7 +345,7 @@ def slices_of(file):
         if frames and slope is not None:
             rescaled = values * float(slope) + float(intercept)
         else:
-            rescaled = apply_modality_lut(values, file)
+            rescaled = apply_modality_lut(values, file) * float(file.get("DoseGridScaling", 1))
         padding = None
         if (least := file.get("PixelPaddingValue")) is not None:
             limits = [wrapped(n, file) for n in (least, file.get("PixelPaddingRangeLimit", least))]

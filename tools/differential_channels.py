@@ -50,9 +50,11 @@ def write_channels(rng, stem, name):
     dtype, names = pick(rng, "u1", "i2", "f4"), ["u", "v", "w"][: int(pick(rng, 2, 3))]
     shape = sizes_of(rng, 3)
     arrays = {n: noise(rng, dtype, *shape) for n in names}
-    odd = rng.random() < 0.1
-    if odd:
-        arrays["v"] = noise(rng, "u2", *shape) if rng.random() < 0.5 else noise(rng, dtype, *shape[:2], shape[2] + 1)
+    odd = False
+    if rng.random() < 0.1:
+        # Unlike types become one that holds both; unlike sizes do not.
+        odd = rng.random() >= 0.5
+        arrays["v"] = noise(rng, dtype, *shape[:2], shape[2] + 1) if odd else noise(rng, "u2", *shape)
     if rng.random() < 0.5:
         path, prefix = stem.with_suffix(".npz"), ""
         pick(rng, np.savez, np.savez_compressed)(path, **arrays)
@@ -73,6 +75,7 @@ def write_channels(rng, stem, name):
 
 
 def channels_reference(arrays, component):
+    arrays = list(np.stack(arrays))
     if component in ("1", "v"):
         arrays = arrays[1:2]
     with np.errstate(over="ignore", invalid="ignore"):

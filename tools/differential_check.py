@@ -132,7 +132,7 @@ class Checker:
             return Result(case, "WRONG-CODE", f"exit {code}: {message}")
         if ":" not in message:
             return Result(case, "WRONG-REFUSAL", f"exit {code} without a message: {said!r}")
-        if code == 2 and not re.search("--|name the files|choose one", message, re.I):
+        if code == 2 and not re.search("--|name the files|name one file|choose one", message, re.I):
             return Result(case, "WRONG-CODE", f"exit 2, but no flag settles it: {message}")
         is_damaged = pathlib.Path(case.inputs[0]).name in DAMAGED
         blamed = BLAME.search(message) and "not supported" not in message and not is_damaged

@@ -305,7 +305,7 @@ def write_nifti(rng, stem, name):
         intercept = pick(rng, 0.0, -1024.0, 7.5, np.nan if slope == 2.0 else 0.0)
         scale(path.with_suffix(".hdr") if pair else path, two, endian, slope, intercept)
     case = nifti_case(name, "written", path, group=group)
-    case.must_refuse = array.dtype.kind not in "iuf" or dimensions > 5 and shape[5] > 1
+    case.must_refuse = array.dtype.kind in "Vc" and shape[4:5] > [1] or dimensions > 5 and shape[5] > 1
     return case
 
 

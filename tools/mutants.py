@@ -279,7 +279,7 @@ class Bench:
             return "done", told
         if not any(line.startswith("error: ") and ": " in line[7:] for line in said.splitlines()):
             return "no message", f"exit code {code}: {said}"
-        if code == 3 or code == 2 and re.search("--|name the files|choose one", said):
+        if code == 3 or code == 2 and re.search("--|name the files|name one file|choose one", said):
             return f"refused ({code})", said
         return f"exit code {code}", said
 
