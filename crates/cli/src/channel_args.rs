@@ -98,7 +98,7 @@ fn window(text: &str) -> Result<[Bound; 2], String> {
 }
 
 /// Reads a colour's name, six hexadecimal digits, or three numbers.
-fn color(text: &str) -> Result<[f64; 3], String> {
+pub(crate) fn color(text: &str) -> Result<[f64; 3], String> {
     if let Some((_, color)) = COLORS.iter().find(|(name, _)| name.eq_ignore_ascii_case(text)) {
         return Ok(*color);
     }

@@ -26,6 +26,12 @@ Examples:
   brickyard append flow.zarr step_0001.npy
   brickyard append flow.zarr step_*.npy --time-step 0.5 --time-unit s";
 
+pub(crate) const EDIT: &str = "\
+Examples:
+  brickyard edit scan.zarr --spacing 0.5,0.5,2 --unit um
+  brickyard edit cells.zarr --channel-name 0=DAPI --channel-color 0=blue --dry-run
+  brickyard edit flow.zarr --time-step 0.5 --time-unit s";
+
 pub(crate) const INFO: &str = "\
 Examples:
   brickyard info scan.zarr
@@ -37,8 +43,9 @@ Examples:
   brickyard probe flow.zarr 48,48,48 --time all";
 
 pub(crate) const VERIFY: &str = "\
-Example:
-  brickyard verify scan.zarr";
+Examples:
+  brickyard verify scan.zarr
+  brickyard verify scan.zarr --repair scan.nii.gz";
 
 pub(crate) const EXPORT: &str = "\
 Examples:
@@ -97,7 +104,7 @@ mod tests {
 
     #[test]
     fn examples_are_commands_that_there_are() {
-        let all = [PACK, APPEND, INFO, PROBE, VERIFY, EXPORT, RENDER, SYNTH, BENCH, QUALITY, DOCTOR, COMPLETIONS, MAN];
+        let all = [PACK, APPEND, EDIT, INFO, PROBE, VERIFY, EXPORT, RENDER, SYNTH, BENCH, QUALITY, DOCTOR, COMPLETIONS, MAN];
         #[cfg(feature = "viewer")]
         let all = [&all[..], &[VIEW]].concat();
         for line in all.iter().flat_map(|text| text.lines()).filter(|line| line.starts_with("  brickyard ")) {

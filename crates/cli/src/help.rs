@@ -8,7 +8,7 @@ const MOST: usize = 26;
 
 /// The flags shown without a topic where a command has more.
 const FIRST: &str = "backend channel clip color dry_run dtype exact isovalue kind lighting memory mode movie orbit \
-    output overwrite resume roi scene scenario shape size slice spacing time transfer view \
+    output overwrite repair resume roi scene scenario shape size slice spacing time transfer view \
     window";
 
 /// The topic with all flags.

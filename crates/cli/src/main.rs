@@ -11,6 +11,7 @@ mod channel_args;
 mod completions;
 mod destination;
 mod doctor;
+mod edit;
 mod examples;
 mod export;
 mod failure;
@@ -85,15 +86,18 @@ enum Command {
     /// Add time steps to a store, one file each; the first one creates it
     #[command(after_help = examples::APPEND)]
     Append(Box<append::AppendArguments>),
+    /// Change a store's metadata: place, units, times, name, channels' names and colors
+    #[command(after_help = examples::EDIT)]
+    Edit(Box<edit::EditArguments>),
     /// Describe a store
     #[command(after_help = examples::INFO)]
     Info(info::InfoArguments),
     /// Print the values of all channels at one place
     #[command(after_help = examples::PROBE)]
     Probe(probe::ProbeArguments),
-    /// Check every checksum and statistic of a store
+    /// Check every checksum and statistic of a store, and repair it from its input
     #[command(after_help = examples::VERIFY)]
-    Verify(verify::VerifyArguments),
+    Verify(Box<verify::VerifyArguments>),
     /// Write a level, or a box of it, to .raw or .npy
     #[command(after_help = examples::EXPORT)]
     Export(export::ExportArguments),
@@ -174,9 +178,10 @@ fn run(command: Command, matches: &ArgMatches) -> Result<(), Failure> {
     match command {
         Command::Pack(arguments) => pack::run(*arguments),
         Command::Append(arguments) => append::run(*arguments),
+        Command::Edit(arguments) => edit::run(*arguments),
         Command::Info(arguments) => info::run(&arguments),
         Command::Probe(arguments) => probe::run(&arguments),
-        Command::Verify(arguments) => verify::run(&arguments),
+        Command::Verify(arguments) => verify::run(*arguments),
         Command::Export(arguments) => export::run(&arguments),
         #[cfg(feature = "viewer")]
         Command::View(arguments) => view::run(*arguments, matches.subcommand_matches("view")),

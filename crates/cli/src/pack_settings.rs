@@ -82,7 +82,7 @@ impl PackingLimits {
         let difference = compared.map_err(|error| store_errors::verify_failure(error, path))?;
         let mut report = verify::report(path, self.memory, self.progress)?;
         report.problems.splice(0..0, difference);
-        verify::tell(&report, path, false)?;
+        verify::tell(&report, path, false, None)?;
         let changed = source.info().notes.iter().map(Note::changed).fold(0, u64::saturating_add);
         let input = match changed {
             0 => "input".into(),

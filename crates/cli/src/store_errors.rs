@@ -3,7 +3,9 @@
 use super::failure::{ExitKind, Failure};
 use brickyard::import::{ImportError, is_of_process, limit_behind};
 use brickyard::session::VolumeSource;
-use brickyard::store::{AppendError, ExportError, OpenError, PackError, ReadError, Store, VerifyError};
+use brickyard::store::{
+    AppendError, EditError, ExportError, OpenError, PackError, ReadError, RepairError, Store, VerifyError,
+};
 use std::fmt::Display;
 use std::path::Path;
 use std::sync::Arc;
@@ -120,6 +122,39 @@ pub(crate) fn append_failure(error: AppendError) -> Failure {
             ExitKind::Incomplete
         }
         AppendError::Panic { .. } | AppendError::Appended { .. } => ExitKind::Failed,
+    };
+    Failure::new(kind, error)
+}
+
+pub(crate) fn edit_failure(error: EditError) -> Failure {
+    let kind = match &error {
+        EditError::Open(error) => return open_failure(error),
+        EditError::Unfit(error) => return import_failure(error),
+        // Its values come from the command line.
+        EditError::Pack(PackError::Unfit { .. }) | EditError::Nothing { .. } => ExitKind::Usage,
+        EditError::Pack(error) => pack_kind(error),
+        EditError::Unfinished { .. } => ExitKind::Incomplete,
+        EditError::Altered { .. } => ExitKind::VerificationFailed,
+        EditError::Unchanged { .. } | EditError::Unsynced { .. } => ExitKind::Failed,
+    };
+    Failure::new(kind, error)
+}
+
+pub(crate) fn repair_failure(error: RepairError, store: &Path) -> Failure {
+    let error = match error {
+        RepairError::Open(error) => return verify_failure(VerifyError::Open(error), store),
+        error => error,
+    };
+    let kind = match &error {
+        RepairError::Open(error) => return open_failure(error),
+        RepairError::Source(source) => import_failure(source).kind,
+        RepairError::Barred(error) => return read_failure(error),
+        RepairError::Pack(error) => pack_kind(error),
+        RepairError::Unlike { .. } => ExitKind::BadInput,
+        RepairError::Unvouched { .. } => ExitKind::VerificationFailed,
+        RepairError::Memory { .. } => ExitKind::Usage,
+        RepairError::Unfinished { .. } | RepairError::Incomplete { .. } => ExitKind::Incomplete,
+        RepairError::Threads(_) => ExitKind::Failed,
     };
     Failure::new(kind, error)
 }

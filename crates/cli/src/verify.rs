@@ -1,10 +1,12 @@
-//! `brickyard verify`: every checksum and statistic of a store.
+//! `brickyard verify`: every checksum and statistic of a store; and its repair from the input it was packed from.
 
 use super::failure::{ExitKind, Failure};
+use super::input_args::InputArguments;
 use super::progress::{Progress, ProgressStyleArgument};
 use super::say::say;
 use super::{heading, print_json, print_line, store_errors, values};
-use brickyard::store::{self, VerifyReport};
+use brickyard::import::{self, OpenOptions};
+use brickyard::store::{self, AppendOptions, Kind, VerifyError, VerifyReport};
 use brickyard::volume::{BrickId, counted};
 use clap::Args;
 use std::collections::BTreeSet;
@@ -24,15 +26,68 @@ pub(crate) struct VerifyArguments {
     /// How to show progress
     #[arg(help_heading = heading::WORK, long, value_enum, default_value_t)]
     progress: ProgressStyleArgument,
+    /// Make damaged files again, from the input the store was packed from, given as for `pack` and with its flags
+    /// [default: nothing is changed]
+    #[arg(help_heading = heading::WORK, long, value_name = "INPUT", num_args = 0..)]
+    repair: Option<Vec<PathBuf>>,
+    #[command(flatten)]
+    input: InputArguments,
 }
 
 /// Runs `verify`.
 ///
 /// # Errors
 /// Exit code 5 if anything in the store is wrong; every problem is printed.
-pub(crate) fn run(arguments: &VerifyArguments) -> Result<(), Failure> {
-    let VerifyArguments { ref store, memory, json, progress } = *arguments;
-    tell(&report(store, memory, progress)?, store, json)
+pub(crate) fn run(arguments: VerifyArguments) -> Result<(), Failure> {
+    let VerifyArguments { store, memory, json, progress, repair, input } = arguments;
+    let mut inputs = repair.clone().unwrap_or_default();
+    let options = input.options(&mut inputs)?;
+    let repaired = match repair {
+        Some(_) => Some(Repair { store: &store, inputs, options, memory, progress }.run(json)?),
+        None if options == OpenOptions::default() => None,
+        None => return Err(Failure::usage("these flags describe the input of --repair INPUT, which is missing")),
+    };
+    tell(&report(&store, memory, progress)?, &store, json, repaired.as_deref())
+}
+
+/// A repair of a store from its input.
+struct Repair<'a> {
+    store: &'a Path,
+    inputs: Vec<PathBuf>,
+    options: OpenOptions,
+    memory: u64,
+    progress: ProgressStyleArgument,
+}
+
+impl Repair<'_> {
+    /// Repairs the store, and returns the files made again, which are printed unless `json`.
+    ///
+    /// # Errors
+    /// With the message and exit code for the user.
+    fn run(self, json: bool) -> Result<Vec<PathBuf>, Failure> {
+        let Self { store, inputs, options, memory, progress } = self;
+        if inputs.is_empty() {
+            return Err(Failure::usage("--repair: expected the input the store was packed from"));
+        }
+        if let Some(stream) = import::stream_among(&inputs, &options.channel_arrays) {
+            let problem = "--repair: a stream cannot be read again, which a repair may do; give a file";
+            return Err(Failure::usage(format!("{}: {problem}", stream.display())));
+        }
+        let known = store::recorded_settings(store)
+            .map_err(|error| store_errors::verify_failure(VerifyError::Open(error), store))?;
+        let options = OpenOptions { are_labels: Some(known.kind == Kind::Labels), ..options };
+        let source = import::open(&inputs, &options).map_err(|error| store_errors::import_failure(&error))?;
+        let shown = Progress::new(progress, "repair");
+        let threads = AppendOptions::default().threads;
+        let report = store::repair(store, &*source, memory, threads, |done, total| shown.set(done, total));
+        shown.finish();
+        let report = report.map_err(|error| store_errors::repair_failure(error, store))?;
+        if !json {
+            report.repaired.iter().try_for_each(|path| print_line(&format!("{}: repaired", path.display())))?;
+        }
+        report.left.iter().for_each(|problem| say!("warning: {problem}"));
+        Ok(report.repaired)
+    }
 }
 
 /// Verifies a store.
@@ -46,25 +101,34 @@ pub(crate) fn report(store: &Path, memory: u64, style: ProgressStyleArgument) ->
     report.map_err(|error| store_errors::verify_failure(error, store))
 }
 
-/// Prints a store's report.
+/// Prints a store's report, after a repair with the files made again.
 ///
 /// # Errors
 /// Exit code 5 if it has problems.
-pub(crate) fn tell(report: &VerifyReport, store: &Path, json: bool) -> Result<(), Failure> {
+pub(crate) fn tell(
+    report: &VerifyReport,
+    store: &Path,
+    json: bool,
+    repaired: Option<&[PathBuf]>,
+) -> Result<(), Failure> {
     if json {
         let listed = |problems: &[store::VerifyProblem]| {
             let problem =
                 |p: &store::VerifyProblem| serde_json::json!({ "brick": p.brick, "path": p.path, "what": p.what });
             problems.iter().map(problem).collect::<Vec<_>>()
         };
-        print_json(&serde_json::json!({
+        let mut told = serde_json::json!({
             "bricks": report.bricks,
             "shards": report.shards,
             "bytes": report.bytes,
             "is_cut_short": report.is_cut_short,
             "problems": listed(&report.problems),
             "edits": listed(&report.edits),
-        }))?;
+        });
+        if let Some(repaired) = repaired {
+            told["repaired"] = serde_json::json!(repaired);
+        }
+        print_json(&told)?;
     } else {
         for problem in &report.problems {
             print_line(&problem.to_string())?;

@@ -59,7 +59,10 @@ impl VolumeSetting {
         let layer = self.layer(scene)?;
         match self.key {
             VolumeKey::Transfer => set_transfer(layer, transfer_choice(&self.value)),
-            VolumeKey::Matrix => layer.world_from_volume = placement(self.layer, &self.value)?,
+            VolumeKey::Matrix => {
+                let flag = format!("--volume {}:matrix={}", self.layer, self.value);
+                layer.world_from_volume = placement(&self.value, &flag)?;
+            }
             key => key
                 .set(layer, &self.value)
                 .map_err(|error| Failure::usage(format!("--volume {}: {error}", self.layer)))?,
@@ -85,11 +88,11 @@ pub(crate) fn transfer_choice(argument: &str) -> TransferChoice {
     }
 }
 
-/// Reads the placement in a file, or in the text itself.
-fn placement(layer: usize, value: &str) -> Result<Placement, Failure> {
+/// Reads the placement in a file, or in the text itself, given by `flag`.
+pub(crate) fn placement(value: &str, flag: &str) -> Result<Placement, Failure> {
     let path = Path::new(value);
     let text = if path.is_file() { read_text(path).map_err(Failure::bad_input)? } else { value.to_string() };
-    let what = if path.is_file() { path.display().to_string() } else { format!("--volume {layer}:matrix={value}") };
+    let what = if path.is_file() { path.display().to_string() } else { flag.to_string() };
     Placement::from_text(&text).map_err(|error| match error {
         PlacementError::Word(_) if !path.is_file() => {
             Failure::bad_input(format!("{what}: neither a file nor the 12 or 16 numbers of a matrix, row by row"))

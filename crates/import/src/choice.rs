@@ -37,7 +37,10 @@ impl ChannelChoice {
     }
 
     /// The number of the channel in an input with these looks.
-    pub(crate) fn place(&self, info: &SourceInfo) -> Result<u32, String> {
+    ///
+    /// # Errors
+    /// If there is no such channel, or more than one, in words without the choice in front.
+    pub fn place(&self, info: &SourceInfo) -> Result<u32, String> {
         let names = names_of(info);
         self.place_among(info.channels, &names)?.ok_or_else(|| {
             let near = near_name::hint(&self.0, names.iter().copied().flatten());

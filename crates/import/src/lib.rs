@@ -142,7 +142,7 @@ pub use labels::SaidKind;
 pub use mesh::read_mesh;
 pub use mirrored::axes_in_words;
 pub use note::Note;
-pub use open::{check_folder, open, order_steps};
+pub use open::{check_folder, open, order_steps, redescribe};
 pub use options::{ArrayPlace, ChannelArray, FileOrder, Gaps, HeldAs, NoData, OpenOptions};
 pub use pipe::stream_among;
 pub use raw::{RawLayout, RawSource};

@@ -200,10 +200,8 @@ fn overridden(
     let source = turned_as_before(source, path, options)?;
     let mut info = source.info().clone();
     info.notes.extend(order_note.map(Note::new));
-    options.override_place(&mut info, path)?;
-    options.override_units(&mut info, path)?;
+    redescribe(&mut info, options, path)?;
     override_nodata(&mut info, path, options.nodata)?;
-    override_time(&mut info, path, options)?;
     info.notes.retain(|note| !options.settle(note));
     Ok(Box::new(Described { info, source, first: 0 }))
 }
@@ -247,6 +245,17 @@ fn turned_as_before(source: Box<dyn Source>, path: &Path, options: &OpenOptions)
          `flip` none takes them in the order of the store."
     )));
     Ok(Box::new(Described { info, source: Mirrored::turned(source, turned), first: 0 }))
+}
+
+/// Replaces spacing, origin, units and times of a description by the caller's, as far as given: once, as lengths in several units are converted. Errors
+/// name `path`.
+///
+/// # Errors
+/// If one of them cannot be, or does not fit the description.
+pub fn redescribe(info: &mut SourceInfo, options: &OpenOptions, path: &Path) -> Result<(), ImportError> {
+    options.override_place(info, path)?;
+    options.override_units(info, path)?;
+    override_time(info, path, options)
 }
 
 /// Checks that a folder can be opened: it holds files of one format. Costs a read of the first bytes of each file.

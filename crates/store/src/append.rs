@@ -33,22 +33,21 @@ pub use error::AppendError;
 use crate::counts::{Counts, count_store};
 use crate::error::{OpenError, ReadError};
 use crate::folder::Folder;
+use crate::held::{Held, HoldError, find_finished, unfinished};
 use crate::json::{parse_json, read_json};
-use crate::layout::JOURNAL_NAME;
 use crate::metadata::{ChannelStatistics, StoreInfo, document_bytes, root_document};
 use crate::pack::cascade::{Pass, Stop, Stopped};
-use crate::pack::disk::{Disk, DiskError, Part, temporary, with_suffix};
+use crate::pack::disk::{Disk, DiskError, Part, temporary};
 use crate::pack::journal::Journal;
-use crate::pack::lock::DirLock;
 use crate::pack::plan::plan_last;
 use crate::pack::{Exists, PackError, PackOptions, Progress, ours, output, pack_on, pool, run_passes, tell};
 use crate::shard_file::IoMode;
 use crate::stats::ChannelTotals;
-use crate::store::{Store, open_folder};
+use crate::store::Store;
 use brickyard_import::{Source, axes_in_words};
 use brickyard_volume::{TimeAxis, with_voxel_type};
-pub(crate) use documents::{FOREIGN_STEPS, foreign_steps};
-use documents::{array_dirs, stale_groups, update_consolidated, update_root};
+pub(crate) use documents::{FOREIGN_STEPS, foreign_steps, stale_groups};
+use documents::{array_dirs, update_consolidated, update_root};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -90,7 +89,7 @@ pub struct Appender {
     folder: Arc<Folder>,
     options: AppendOptions,
     times: u32,
-    _lock: DirLock,
+    _held: Held,
 }
 
 fn can_grow(store: &Store) -> Result<(), AppendError> {
@@ -158,21 +157,10 @@ impl Appender {
     }
 
     fn open_on(disk: Disk, store: &Path, options: AppendOptions) -> Result<Self, AppendError> {
-        let dir = output::resolve(store)?;
-        disk.work_at(&dir);
-        if let Err(unfinished) = refuse_unfinished(&dir) {
-            // Report an active packer as such.
-            let _free = DirLock::take(&disk, &dir)?;
-            return Err(unfinished);
-        }
+        let dir = find_finished(&disk, store)?;
         can_grow(&Store::open(&dir)?)?;
-        let lock = DirLock::take(&disk, &dir)?;
-        // Checked again: another process may have been packing until now.
-        refuse_unfinished(&dir)?;
-        lock.declare(&disk).map_err(PackError::from)?;
-        let folder = Arc::new(open_folder(&dir)?);
-        disk.work_in(folder.clone());
-        let mut appender = Self { disk, folder, options, times: 0, _lock: lock };
+        let held = Held::take(&disk, &dir)?;
+        let mut appender = Self { disk, folder: held.folder.clone(), options, times: 0, _held: held };
         appender.take_back().map_err(|error| appender.stopped(error))?;
         can_grow(&appender.open_store()?)?;
         Ok(appender)
@@ -446,6 +434,16 @@ impl<E: Into<AppendError>> From<E> for Failed {
     }
 }
 
+impl From<HoldError> for AppendError {
+    fn from(error: HoldError) -> Self {
+        match error {
+            HoldError::Open(error) => error.into(),
+            HoldError::Pack(error) => error.into(),
+            HoldError::Unfinished { path, replaces } => Self::Unfinished { path, replaces },
+        }
+    }
+}
+
 impl From<DiskError> for Failed {
     fn from(error: DiskError) -> Self {
         Self::Stop(Stop::Disk(error))
@@ -458,23 +456,9 @@ impl From<Stopped> for Failed {
     }
 }
 
-/// Refuses a directory with an unfinished pack or replacement.
-fn refuse_unfinished(dir: &Path) -> Result<(), AppendError> {
-    for (path, replaces) in [(dir.to_path_buf(), false), (with_suffix(dir, ".packing"), true)] {
-        let journal = path.join(JOURNAL_NAME);
-        match journal.try_exists() {
-            Ok(false) => {}
-            Ok(true) => return Err(AppendError::Unfinished { path, replaces }),
-            Err(error) if error.kind() == std::io::ErrorKind::NotADirectory => {}
-            Err(error) => return Err(PackError::Io { path: journal, error }.into()),
-        }
-    }
-    Ok(())
-}
-
 /// Whether a directory has a finished store, without opening files, which may have just failed.
 fn is_finished(store: &Path) -> bool {
-    refuse_unfinished(store).is_ok() && store.join("zarr.json").exists()
+    unfinished(store).is_ok_and(|found| found.is_none()) && store.join("zarr.json").exists()
 }
 
 /// Checks counts against the voxel numbers in the root document.

@@ -81,22 +81,13 @@ impl Chunks {
     /// Decodes a brick's chunk into `out`. Absent chunks are all zero.
     pub(crate) fn read(&self, id: BrickId, out: &mut [u8]) -> Result<(), ReadError> {
         assert_eq!(out.len(), self.chunk_bytes());
-        let Some((shard, range)) = self.locate(id)? else {
+        assert!(self.layout.contains(id), "no such brick: {id}");
+        let (shard_id, slot) = self.layout.shard_of(id);
+        let Some(shard) = self.shard(shard_id)? else {
             out.fill(0);
             return Ok(());
         };
-        self.bytes_read.fetch_add(range.length, Ordering::Relaxed);
-        let shard_id = self.layout.shard_of(id).0;
-        let path = || self.path(shard_id);
-        let read = Scratch::with(|scratch| {
-            let mut encoded = std::mem::take(&mut scratch.encoded);
-            let bytes = shard.bytes(range, &mut encoded);
-            let decoded = bytes.map(|bytes| self.codec.decode(scratch, bytes, out));
-            scratch.encoded = encoded;
-            decoded
-                .map_err(|error| self.folder.unreadable(&path(), error))?
-                .map_err(|error| shard.unreadable(&self.folder, &path(), id, error))
-        });
+        let read = self.read_in(&shard, slot, id, out);
         if read.is_err() {
             // The next attempt reopens the file and remaps any unreadable pages.
             lock(&self.open).pop(&shard_id);
@@ -156,16 +147,44 @@ impl Chunks {
         if !fingerprint.has_file() {
             return Ok(None);
         }
-        let slots = self.layout.shard_slots(id.level);
-        let shard =
-            ShardFile::open(&self.folder, &self.path(id), fingerprint, slots, self.codec.encoded_cap(), self.mode)?;
-        let shard = Arc::new(shard);
+        let shard = Arc::new(self.open_as(id, fingerprint)?);
         // An evicted shard is closed after its last reader, outside the lock.
         let _evicted = lock(&self.open).push(id, shard.clone());
         Ok(Some(shard))
     }
 
-    fn fingerprint(&self, id: ShardId) -> Result<Fingerprint, ReadError> {
+    /// Opens an existing shard with this fingerprint, whatever the side data record.
+    pub(crate) fn open_as(&self, id: ShardId, fingerprint: Fingerprint) -> Result<ShardFile, ReadError> {
+        let slots = self.layout.shard_slots(id.level);
+        ShardFile::open(&self.folder, &self.path(id), fingerprint, slots, self.codec.encoded_cap(), self.mode)
+    }
+
+    /// Decodes the chunk of index entry `slot`, brick `id`, of an open shard into `out`. Absent chunks are all zero.
+    pub(crate) fn read_in(&self, shard: &ShardFile, slot: usize, id: BrickId, out: &mut [u8]) -> Result<(), ReadError> {
+        let path = || self.path(self.layout.shard_of(id).0);
+        let corrupt = |error| ReadError::CorruptIndex { path: path(), error };
+        let Some(range) = shard.range(slot).map_err(corrupt)? else {
+            out.fill(0);
+            return Ok(());
+        };
+        self.bytes_read.fetch_add(range.length, Ordering::Relaxed);
+        Scratch::with(|scratch| {
+            let mut encoded = std::mem::take(&mut scratch.encoded);
+            let bytes = shard.bytes(range, &mut encoded);
+            let decoded = bytes.map(|bytes| self.codec.decode(scratch, bytes, out));
+            scratch.encoded = encoded;
+            decoded
+                .map_err(|error| self.folder.unreadable(&path(), error))?
+                .map_err(|error| shard.unreadable(&self.folder, &path(), id, error))
+        })
+    }
+
+    /// The codec of the chunks.
+    pub(crate) fn codec(&self) -> &BrickCodec {
+        &self.codec
+    }
+
+    pub(crate) fn fingerprint(&self, id: ShardId) -> Result<Fingerprint, ReadError> {
         let ([x, y, z], place) = Paging::new(self.layout.shard_grid(id.level)).locate([id.x, id.y, id.z]);
         let page = PageId { time: id.group, channel: id.channel, level: id.level, z, y, x };
         if let Some(kept) = lock(&self.fingerprints).get(&page) {

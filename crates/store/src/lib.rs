@@ -12,9 +12,11 @@ pub mod codec;
 mod counts;
 mod data_file;
 pub mod downsample;
+mod edit;
 pub mod error;
 pub mod export;
 mod folder;
+mod held;
 mod inside;
 mod json;
 mod kind;
@@ -24,6 +26,7 @@ pub mod metadata;
 mod mutex;
 mod nodata;
 pub mod pack;
+mod repair;
 mod scratch;
 pub mod shard;
 mod shard_file;
@@ -42,6 +45,7 @@ mod version;
 pub use append::{AppendError, AppendOptions, AppendReport, Appender};
 pub use codec::{BrickCodec, Codec};
 pub use downsample::{Downsample, Reductions};
+pub use edit::{ChannelEdit, Edit, EditChange, EditError, EditReport, edit, rehearse_edit};
 pub use error::{CodecError, ExportError, InsideStore, OpenError, ReadError, ShardError};
 pub use export::{ExportRequest, ExportTime, export};
 pub use inside::check_outside;
@@ -52,6 +56,7 @@ pub use pack::{
     Exists, Holder, PackError, PackOptions, PackPlan, PackReport, Progress, estimate, pack, plan, rehearse,
     settings_fingerprint,
 };
+pub use repair::{RepairError, RepairReport, recorded_settings, repair};
 pub use scratch::Scratch;
 pub use shard::Fingerprint;
 pub use shard_file::IoMode;

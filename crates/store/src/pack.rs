@@ -29,7 +29,7 @@ pub(crate) mod output;
 mod parts;
 pub(crate) mod plan;
 mod sequence;
-mod shards;
+pub(crate) mod shards;
 mod shells;
 mod side_pages;
 #[cfg(test)]
@@ -135,10 +135,8 @@ impl PackOptions {
             format!("`aprons` {}: expected 1 or {MAX_APRON} voxels", self.aprons)
         } else if let Err(problem) = self.codec.to_string().parse::<Codec>() {
             format!("`codec` {}: {problem}", self.codec)
-        } else if self.name.as_ref().is_some_and(|name| {
-            name.trim().is_empty() || name.len() > MOST_NAME_BYTES || name.contains(char::is_control)
-        }) {
-            format!("`name`: expected 1 to {MOST_NAME_BYTES} bytes of text in one line")
+        } else if let Some(Err(expected)) = self.name.as_deref().map(check_name) {
+            format!("`name`: {expected}")
         } else if self.shard_times == 0 {
             "`shard_times` 0: expected at least one time step".into()
         } else if self.threads == 0 {
@@ -147,6 +145,14 @@ impl PackOptions {
             return Ok(());
         };
         Err(PackError::Options(problem))
+    }
+}
+
+/// Checks a name of a volume or channel; fails with the expectation.
+pub(crate) fn check_name(name: &str) -> Result<(), String> {
+    match name.trim().is_empty() || name.len() > MOST_NAME_BYTES || name.contains(char::is_control) {
+        true => Err(format!("expected 1 to {MOST_NAME_BYTES} bytes of text in one line")),
+        false => Ok(()),
     }
 }
 

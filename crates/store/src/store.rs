@@ -496,6 +496,10 @@ impl Store {
         std::iter::once(&self.cores).chain(self.aprons())
     }
 
+    pub(crate) fn cores(&self) -> &Chunks {
+        &self.cores
+    }
+
     pub(crate) fn aprons(&self) -> Option<&Chunks> {
         self.aprons.as_ref()
     }

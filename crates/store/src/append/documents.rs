@@ -67,7 +67,7 @@ pub(super) fn update_consolidated(store: &Path, dirs: &[PathBuf], times: u32, ro
 
 /// Root documents of surrounding groups in which another program gathered the store's documents: their readers see the
 /// former steps.
-pub(super) fn stale_groups(store: &Path) -> Vec<PathBuf> {
+pub(crate) fn stale_groups(store: &Path) -> Vec<PathBuf> {
     let Ok(store) = store.canonicalize() else { return Vec::new() };
     let groups = store.ancestors().skip(1).map(|group| (group, group.join("zarr.json")));
     let has_gathered = |(group, document): &(&Path, PathBuf)| {

@@ -2,6 +2,8 @@
 
 use super::*;
 use crate::downsample::Downsample;
+use crate::layout::JOURNAL_NAME;
+use crate::pack::lock::DirLock;
 use crate::pack::tests::trial::Trial;
 use crate::pack::tests::{Array, CancelledAtOnce, assert_same, files, level_voxels, mean_and_max, options, value};
 use crate::pack::{PackPlan, pack};

@@ -208,7 +208,7 @@ fn within_memory(draft: Draft, source: &dyn Source, options: &PackOptions) -> Re
 }
 
 /// Refuses inputs that could be packed but not opened.
-fn check_input(info: &SourceInfo) -> Result<(), PackError> {
+pub(crate) fn check_input(info: &SourceInfo) -> Result<(), PackError> {
     let unfit = |what, found: String, expected: &str, cure| {
         Err(PackError::Unfit { what, found, expected: expected.into(), cure })
     };

@@ -100,6 +100,20 @@ fn take_edits(expected: &Value, root: &mut Value) -> Vec<String> {
     edits
 }
 
+/// The first change of the root document found, with the store it describes, since it was written; edits of channels' looks are none. `None` if there
+/// is no change.
+pub(crate) fn root_change(store: &Store, mut root: Value) -> Option<String> {
+    let expected = root_document(store.layout(), store.geometry(), store.info());
+    take_edits(&expected, &mut root);
+    difference(&expected, &root, &mut String::new())
+}
+
+/// The first difference of an array's document from the expected one, in a store of so many steps, if counted: one more is permitted then.
+pub(crate) fn array_change(expected: &Value, found: Value, times: Option<u32>) -> Option<String> {
+    let times = times.map(|times| times..=times.saturating_add(1));
+    difference(expected, &with_committed_times(expected, found, times.as_ref()), &mut String::new())
+}
+
 /// Steps appended by another program, unless the store grows meanwhile.
 fn foreign(main: &Store) -> Option<VerifyProblem> {
     let problem = match foreign_steps(main) {
