@@ -487,7 +487,7 @@ impl Readable {
 
     fn run(&self, case: &Reading) -> Result<()> {
         let sandbox = &self.packed.trial.sandbox;
-        for name in ["level.raw", "picture.png", "stats.json", "plot.svg"] {
+        for name in ["level.raw", "level.raw.json", "picture.png", "stats.json", "plot.svg"] {
             let _ = std::fs::remove_file(sandbox.path(name));
         }
         let outcome = self.packed.trial.run(case.command, &case.rule);
@@ -506,7 +506,9 @@ impl Readable {
         if outcome.code != Some(0) {
             // Figures are written once the picture is there, and whole.
             let is_of_figures = outcome.stderr.contains("stats.json");
-            let left = ["level.raw", "picture.png", "plot.svg"].into_iter().find(|name| sandbox.path(name).exists());
+            let left = ["level.raw", "level.raw.json", "picture.png", "plot.svg"]
+                .into_iter()
+                .find(|name| sandbox.path(name).exists());
             let is_whole = left == Some("picture.png") && is_of_figures && is_same_picture();
             return ensure(left.is_none() || is_whole, || format!("it failed but left {left:?}"));
         }

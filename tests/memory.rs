@@ -172,6 +172,9 @@ fn exporting_stays_within_its_memory() {
         check(&sandbox, &format!("export t.zarr o.raw --overwrite --memory {mib}MiB --progress none"), mib * MIB);
     }
     assert!(sandbox.read("o.raw") == sandbox.read("t.raw"));
+    for name in ["o.nii.gz", "o.tif", "o.nrrd"] {
+        check(&sandbox, &format!("export t.zarr {name} --memory 24MiB --progress none"), 24 * MIB);
+    }
     // A row of its bricks is 64 MiB.
     let wide = "--shape 262144,16,8 --dtype f32 --brick 8 --shard 1024 --progress none";
     sandbox.write("wide.raw", vec![7; 262_144 * 16 * 8 * 4]);

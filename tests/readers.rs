@@ -29,3 +29,8 @@ fn files_of_nibabel_tifffile_pillow_pydicom_and_numpy_are_packed_bit_for_bit() {
 fn tiff_files_are_what_they_say_of_themselves() {
     Sandbox::default().python("tiff_descriptions.py");
 }
+
+#[test]
+fn exports_are_what_nibabel_simpleitk_tifffile_and_pillow_read() {
+    Sandbox::default().python("export_files.py");
+}

@@ -14,6 +14,7 @@ mod edit_faults;
 mod embedding;
 mod exact;
 mod examples;
+mod exports;
 mod extremes;
 mod faults;
 mod first_look;

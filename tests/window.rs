@@ -494,7 +494,7 @@ fn a_script_that_fails_says_where_and_why() {
     let path = test.path().display().to_string();
     sandbox.write("no.txt", "no volume");
     for (command, why) in [
-        ("export crop.tif", "crop.tif"),
+        ("export crop.xyz", "crop.xyz"),
         ("save-picture no-such-folder/a.png", "no-such-folder/a.png"),
         ("set nonsense 3", "nonsense"),
         ("set step 1e-30", "expected 0.005 to 16 voxels"),

@@ -71,9 +71,9 @@
 //! [`session`] joins volumes, their pagers and a rendering backend; [`offline`] renders settled pictures with it.
 //! [`volume`] has scenes, layers, cameras and transfer functions. A program's own bricks implement
 //! [`pager::BrickSource`]. Foreign files become stores by [`import::open`] and [`store::pack()`], and stores grow by
-//! [`store::Appender`]; [`openable`] tells stores from foreign files, [`preview`] shows a file before it is packed,
-//! [`background`] packs it meanwhile, and an [`opening`] does both in turn for a window. The parts are re-exported
-//! under their own names. `examples` has whole programs.
+//! [`store::Appender`]; [`export::export()`] writes them as files of other formats. [`openable`] tells stores from
+//! foreign files, [`preview`] shows a file before it is packed, [`background`] packs it meanwhile, and an [`opening`]
+//! does both in turn for a window. The parts are re-exported under their own names. `examples` has whole programs.
 
 mod files;
 pub mod memory;
@@ -97,6 +97,7 @@ pub use pictures::{offline, tiles};
 pub use session::{backend, channels, doubtful_extremes, first_look, frame_governor, unlike_sizes};
 pub use window::{background, curve, following, opening, pick, preview, probe};
 
+pub use brickyard_export as export;
 pub use brickyard_import as import;
 pub use brickyard_pager as pager;
 #[cfg(feature = "reference")]

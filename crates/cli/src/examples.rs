@@ -49,8 +49,9 @@ Examples:
 
 pub(crate) const EXPORT: &str = "\
 Examples:
-  brickyard export scan.zarr whole.npy
-  brickyard export scan.zarr coarse.npy --level 2";
+  brickyard export scan.zarr scan.nii.gz
+  brickyard export scan.zarr coarse.npy --level 2
+  brickyard export cells.zarr cells.tif --channel all --time all";
 
 #[cfg(feature = "viewer")]
 pub(crate) const VIEW: &str = "\

@@ -2,6 +2,7 @@
 
 use super::say::{self, say};
 use super::{Failure, print_json};
+use brickyard::export::{ExportError, Format, paths_of};
 use brickyard::stats::RenderStats;
 use brickyard::store::{Store, check_outside};
 use brickyard::text_file::write_text;
@@ -10,7 +11,6 @@ use brickyard::volume::numbers::significant;
 use brickyard::volume::transfer::shown_window;
 use brickyard::volume::units::with_unit;
 use serde::Serialize;
-use std::ffi::OsStr;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -43,26 +43,24 @@ pub(crate) fn may_write(path: &Path, overwrite: bool) -> Result<(), Failure> {
 /// # Errors
 /// Exit code 2 if not.
 pub(crate) fn may_write_png(path: &Path, overwrite: bool) -> Result<(), Failure> {
-    may_write_as(&["png"], "pictures are written as PNG: choose a name ending in .png", path, overwrite)
+    if !path.extension().is_some_and(|end| end.eq_ignore_ascii_case("png")) {
+        let advice = "pictures are written as PNG: choose a name ending in .png";
+        return Err(Failure::usage(format!("{}: {advice}", path.display())));
+    }
+    may_write_file(path, overwrite)
 }
 
-/// Checks whether an array may be written here: as [`may_write`], and it is a file of a supported type, in an existing
-/// folder.
+/// Checks whether voxels may be exported here: as [`may_write`], to all files of the name's format, in an existing folder.
 ///
 /// # Errors
 /// Exit code 2 if not.
 pub(crate) fn may_write_array(path: &Path, overwrite: bool) -> Result<(), Failure> {
-    let advice = "arrays are written as .raw or .npy: choose a name ending in one of these";
-    may_write_as(&["raw", "npy"], advice, path, overwrite)
-}
-
-fn may_write_as(extensions: &[&str], advice: &str, path: &Path, overwrite: bool) -> Result<(), Failure> {
-    let refused = |problem: &str| Err(Failure::usage(format!("{}: {problem}", path.display())));
-    let is_known = |found: &OsStr| extensions.iter().any(|extension| found.eq_ignore_ascii_case(extension));
-    if !path.extension().is_some_and(is_known) {
-        return refused(advice);
+    if path.extension().is_some_and(|end| end.eq_ignore_ascii_case("png")) && Format::of(path).is_none() {
+        let advice = "a PNG picture holds one plane: for a folder of planes, end the name in /";
+        return Err(Failure::usage(format!("{}: {advice}", path.display())));
     }
-    may_write_file(path, overwrite)
+    let files = paths_of(path).ok_or_else(|| Failure::usage(ExportError::Extension { path: path.into() }))?;
+    files.iter().try_for_each(|file| may_write_file(file, overwrite))
 }
 
 /// Checks whether a file may be written here: as [`may_write`], in an existing folder.
@@ -164,8 +162,16 @@ mod tests {
         let problem =
             |name: &str| may_write_array(&folder.path().join(name), false).err().map(|failure| failure.message);
         assert_eq!((problem("a.raw"), problem("a.NPY")), (None, None));
-        for name in ["a.tif", "a", "raw", "-"] {
-            assert!(problem(name).unwrap().contains(".raw or .npy"), "{name}");
+        assert_eq!((problem("a.nii.gz"), problem("a.mhd"), problem("planes/")), (None, None, None));
+        for name in ["a.xyz", "a", "raw", "-"] {
+            assert!(problem(name).unwrap().contains(".npy, .raw or"), "{name}");
+        }
+        assert!(problem("a.png").unwrap().contains("end the name in /"));
+        std::fs::write(folder.path().join("b.raw"), "").unwrap();
+        std::fs::write(folder.path().join("c.raw.json"), "").unwrap();
+        for (name, there) in [("b.mhd", "b.raw"), ("c.raw", "c.raw.json")] {
+            let found = problem(name).unwrap();
+            assert!(found.contains(there) && found.contains("exists already"), "{found}");
         }
         assert!(problem("none/a.npy").unwrap().contains("there is no folder"));
     }

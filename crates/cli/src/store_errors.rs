@@ -1,11 +1,10 @@
 //! Errors of stores and packing, sorted into exit codes.
 
 use super::failure::{ExitKind, Failure};
+use brickyard::export::ExportError;
 use brickyard::import::{ImportError, is_of_process, limit_behind};
 use brickyard::session::VolumeSource;
-use brickyard::store::{
-    AppendError, EditError, ExportError, OpenError, PackError, ReadError, RepairError, Store, VerifyError,
-};
+use brickyard::store::{AppendError, EditError, OpenError, PackError, ReadError, RepairError, Store, VerifyError};
 use std::fmt::Display;
 use std::path::Path;
 use std::sync::Arc;
@@ -161,7 +160,7 @@ pub(crate) fn repair_failure(error: RepairError, store: &Path) -> Failure {
 
 pub(crate) fn export_failure(error: ExportError) -> Failure {
     let kind = match &error {
-        ExportError::Read(_) => ExitKind::BadInput,
+        ExportError::Read(_) | ExportError::Source(_) => ExitKind::BadInput,
         ExportError::Io { .. } | ExportError::Threads(_) => ExitKind::Failed,
         // Only Ctrl-C cancels.
         ExportError::Cancelled { .. } => ExitKind::Interrupted,

@@ -60,6 +60,9 @@ pub enum ImportError {
         /// The missing or contradictory information, and the option to settle it.
         problem: String,
     },
+    /// A source of another crate, such as a store, cannot be read.
+    #[error(transparent)]
+    Other(Box<dyn std::error::Error + Send + Sync>),
 }
 
 /// Result of reading an input.

@@ -150,4 +150,5 @@ pub use source::{Access, Lent, Source, SourceInfo};
 pub use step_time::{StepTime, TimeSpan};
 pub use strided::Strided;
 pub use synth::{CONSTANT_UNITS, SPARSE_LAST_UNITS, SynthKind, SynthSource, uniform};
+pub use taken::take;
 pub use write_raw::write_raw;

@@ -8,13 +8,16 @@ use crate::axes::AxisOrder;
 use crate::element::Endian;
 use crate::error::{ImportError, Result};
 use crate::files::{folder_of, name_of};
+use crate::labels::SaidKind;
 use crate::note::Note;
 use crate::options::OpenOptions;
 use crate::raw::{RawLayout, RawSource, identity};
 use crate::sidecar::{check_raw, text_of};
+use crate::source::{Source, SourceInfo};
 use crate::stamp::Stamp;
+use crate::step_time::{StepTime, TimeSpan, moment_in};
 use crate::time::override_time;
-use brickyard_volume::{ChannelLook, Extent, counted};
+use brickyard_volume::{ChannelLook, Extent, Orientation, TimeAxis, VoxelType, counted};
 use glam::DVec3;
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
@@ -46,6 +49,15 @@ pub(crate) struct Fields {
     value_unit: Option<String>,
     time_step: Option<f64>,
     time_unit: Option<String>,
+    /// The time of the first step, or of the only one.
+    time_start: Option<f64>,
+    /// The moment from which the times count.
+    time_since: Option<String>,
+    /// The time of each step, for unevenly spaced ones.
+    time_stamps: Option<Vec<f64>>,
+    /// The orientation in a patient: see [`Orientation`].
+    orientation: Option<[[f64; 4]; 3]>,
+    labels: Option<bool>,
     pub(crate) nodata: Option<f64>,
 }
 
@@ -70,9 +82,9 @@ fn only_raw_beside(text: &Path) -> Option<PathBuf> {
 
 /// Opens a raw file by the text, or by the raw file that it lies beside.
 pub(crate) fn open(path: &Path, told: &OpenOptions) -> Result<RawSource> {
-    let is_named = name_of(path).to_ascii_lowercase().ends_with(END);
-    let text = if is_named { None } else { beside(path) };
-    let text = text.as_deref().unwrap_or(path);
+    let is_named = is_text_name(path);
+    let text = text_for(path);
+    let text = &*text;
     let stamp = Stamp::of(text)?;
     let fields = Fields::read(text)?;
     let raw = fields.raw_file(text, (!is_named).then_some(path))?;
@@ -88,10 +100,14 @@ pub(crate) fn open(path: &Path, told: &OpenOptions) -> Result<RawSource> {
         told = (|| {
             options.override_place(info, text)?;
             override_time(info, text, &options)?;
+            fields.set_times(text, info)?;
+            fields.count_from(text, info)?;
             info.channel_looks = fields.looks(text, info.channels)?;
             options.override_units(info, text)?;
+            fields.orient(text, info)?;
             info.identity = identity(&format!("{}; by", info.identity), &[text])?;
             info.notes.push(Note::new(format!("{} describes the voxels of {}.", name_of(text), name_of(&raw))));
+            info.kind = fields.kind(text, info.voxel_type)?;
             if let Some(value) = fields.nodata {
                 info.set_nodata(value, "nodata");
             }
@@ -99,8 +115,22 @@ pub(crate) fn open(path: &Path, told: &OpenOptions) -> Result<RawSource> {
         })();
     });
     told?;
+    let time = fields.time_start.filter(|_| source.info().times == 1);
+    let time = time.and_then(|time| TimeSpan::of(time, options.time_unit.as_deref().unwrap_or_default()));
+    let since = fields.time_since.as_deref().and_then(moment_in);
+    source = source.at(StepTime { stamp: time.map(|time| TimeSpan { since, ..time }), increment: None });
     stamp.check(text)?;
     Ok(source)
+}
+
+fn is_text_name(path: &Path) -> bool {
+    name_of(path).to_ascii_lowercase().ends_with(END)
+}
+
+/// The text: the file itself, or the one beside a raw file.
+fn text_for(path: &Path) -> PathBuf {
+    let beside = if is_text_name(path) { None } else { beside(path) };
+    beside.unwrap_or_else(|| path.to_owned())
 }
 
 impl Fields {
@@ -108,6 +138,95 @@ impl Fields {
         let text = text_of(path, "description of a raw file")?;
         let way = "or pass `shape` and `voxel_type` with the raw file; a list of grids has them in \"grids\"";
         serde_json::from_str(&text).map_err(|error| mistake(path, "description of a raw file", &error, way))
+    }
+
+    /// The first field of a whole volume's text which says nothing of one array among others.
+    pub(crate) fn of_whole(&self) -> Option<&'static str> {
+        let said = [
+            ("time_start", self.time_start.is_some()),
+            ("time_stamps", self.time_stamps.is_some()),
+            ("time_since", self.time_since.is_some()),
+            ("orientation", self.orientation.is_some()),
+            ("labels", self.labels.is_some()),
+        ];
+        said.into_iter().find(|(_, is_said)| *is_said).map(|(name, _)| name)
+    }
+
+    /// The kind of voxels of this type by the field `labels`.
+    fn kind(&self, text: &Path, voxel_type: VoxelType) -> Result<SaidKind> {
+        const WORD: &str = "the text beside the raw file";
+        match self.labels {
+            Some(true) if voxel_type.is_float() => {
+                Err(ImportError::invalid(text, "has labels of floating-point voxels; labels are whole numbers"))
+            }
+            Some(true) => Ok(SaidKind::Labels(WORD)),
+            Some(false) => Ok(SaidKind::Image(WORD)),
+            None => Ok(SaidKind::Unsaid),
+        }
+    }
+
+    /// Sets the start of the times, or the times themselves.
+    fn set_times(&self, text: &Path, info: &mut SourceInfo) -> Result<()> {
+        let refuse = |problem: &str| Err(ImportError::invalid(text, problem));
+        let unit = info.time.as_ref().and_then(|axis| axis.unit.clone());
+        let axis = match (&self.time_stamps, self.time_start, info.time.take()) {
+            (None, None, known) => {
+                info.time = known;
+                return Ok(());
+            }
+            (Some(_), Some(_), _) => return refuse("has time_start and time_stamps: give one of the two"),
+            (Some(_), None, _) if self.time_step.is_some() => {
+                return refuse("has time_step and time_stamps: give one of the two");
+            }
+            (Some(stamps), None, _) => {
+                if stamps.len() != info.times as usize {
+                    let (found, steps) = (stamps.len(), counted(info.times.into(), "time step"));
+                    return refuse(&format!("time_stamps: {found} numbers for {steps}; give one for each"));
+                }
+                TimeAxis::of_stamps(stamps.clone(), unit)
+            }
+            (None, Some(start), _) if !start.is_finite() => return refuse("time_start: expected a finite number"),
+            // Kept with the file, as the time of its only step.
+            (None, Some(_), _) if info.times == 1 && self.time_step.is_none() => return Ok(()),
+            (None, Some(_), None) => return refuse("has time_start, but no time_step; give both"),
+            (None, Some(_), Some(_)) if self.time_step.is_none() => {
+                return refuse("has time_start, but no time_step; give both");
+            }
+            (None, Some(start), Some(axis)) => {
+                let axis = TimeAxis { start, ..axis };
+                axis.check(info.times).map(|()| axis)
+            }
+        };
+        info.time = Some(axis.map_err(|problem| ImportError::invalid(text, problem.to_string()))?);
+        Ok(())
+    }
+
+    /// Sets the moment from which the times count; [`open`] sets that of the only step's time.
+    fn count_from(&self, text: &Path, info: &mut SourceInfo) -> Result<()> {
+        let Some(since) = &self.time_since else { return Ok(()) };
+        let since = moment_in(since).ok_or_else(|| {
+            ImportError::invalid(text, "time_since: expected a moment in a short line, as in \"2000-01-01\"")
+        })?;
+        match &mut info.time {
+            Some(axis) => axis.since = Some(since),
+            None if self.time_start.is_some() => {}
+            None => return Err(ImportError::invalid(text, "has time_since, but no times of the steps; give both")),
+        }
+        Ok(())
+    }
+
+    fn orient(&self, text: &Path, info: &mut SourceInfo) -> Result<()> {
+        let Some(rows) = self.orientation else { return Ok(()) };
+        if info.geometry.axis_units.is_some() {
+            return Err(ImportError::invalid(
+                text,
+                "orientation: in a patient the axes have one unit of length; give one `unit`",
+            ));
+        }
+        let orientation =
+            Orientation::new(rows).map_err(|problem| ImportError::invalid(text, format!("orientation: {problem}")))?;
+        info.orientation = Some(orientation);
+        Ok(())
     }
 
     /// The file with the voxels: `named`, if the text was found beside it.
@@ -163,7 +282,8 @@ impl Fields {
             let problem = format!("channel_names: {names} for {channels}; give one for each");
             return Err(ImportError::invalid(text, problem));
         }
-        let look = |name: &String| ChannelLook { name: Some(name.clone()), ..ChannelLook::default() };
+        let name = |name: &String| Some(name.clone()).filter(|name| !name.is_empty());
+        let look = |text: &String| ChannelLook { name: name(text), ..ChannelLook::default() };
         Ok(names.iter().map(look).collect())
     }
 }

@@ -3,6 +3,19 @@
 use crate::note::Note;
 use brickyard_volume::{TimeAxis, time_unit};
 
+/// Most bytes of the moment from which times count.
+const LONGEST_MOMENT: usize = 64;
+
+/// Whether a text can name the moment from which times count: it is short, and has one line.
+pub(crate) fn is_moment(text: &str) -> bool {
+    text.len() <= LONGEST_MOMENT && !text.chars().any(char::is_control)
+}
+
+/// The moment in a field of its own; `None` unless the field has a text that can be one.
+pub(crate) fn moment_in(field: &str) -> Option<String> {
+    Some(field.trim()).filter(|text| !text.is_empty() && is_moment(text)).map(str::to_owned)
+}
+
 /// Times in a file of one time step.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct StepTime {

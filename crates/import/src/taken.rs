@@ -3,7 +3,7 @@
 use crate::converted::Converted;
 use crate::cropped::Cropped;
 use crate::described::Described;
-use crate::error::{ImportError, Result};
+use crate::error::ImportError;
 use crate::mirrored::Mirrored;
 use crate::options::OpenOptions;
 use crate::part::Part;
@@ -11,8 +11,11 @@ use crate::picked::Picked;
 use crate::source::{Source, SourceInfo};
 use std::path::Path;
 
-/// Takes the part, order and type of voxels that the options name.
-pub(crate) fn take(mut source: Box<dyn Source>, options: &OpenOptions, path: &Path) -> Result<Box<dyn Source>> {
+/// Takes the part, order and type of voxels that the options name. `path` is for messages.
+///
+/// # Errors
+/// If the source has no such part, or its times or place cannot be told for it.
+pub fn take(mut source: Box<dyn Source>, options: &OpenOptions, path: &Path) -> Result<Box<dyn Source>, ImportError> {
     let OpenOptions { roi, flip, take_channel, take_time, to_voxel_type, .. } = options;
     let part = Part::of(source.info(), options, path)?;
     let region = part.region;

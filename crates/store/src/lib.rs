@@ -1,4 +1,4 @@
-//! The brick store: an OME-Zarr 0.5 image with side data; pack, open, read, verify, export.
+//! The brick store: an OME-Zarr 0.5 image with side data; pack, open, read, verify.
 //!
 //! The format, from the bottom up: [`codec`] turns a brick's core into checked bytes (with `blosc` for shuffled data),
 //! [`shard`] frames many of them in one file, [`side`] holds statistics per brick and fingerprints per shard,
@@ -14,7 +14,6 @@ mod data_file;
 pub mod downsample;
 mod edit;
 pub mod error;
-pub mod export;
 mod folder;
 mod held;
 mod inside;
@@ -46,8 +45,7 @@ pub use append::{AppendError, AppendOptions, AppendReport, Appender};
 pub use codec::{BrickCodec, Codec};
 pub use downsample::{Downsample, Reductions};
 pub use edit::{ChannelEdit, Edit, EditChange, EditError, EditReport, edit, rehearse_edit};
-pub use error::{CodecError, ExportError, InsideStore, OpenError, ReadError, ShardError};
-pub use export::{ExportRequest, ExportTime, export};
+pub use error::{CodecError, InsideStore, OpenError, ReadError, ShardError};
 pub use inside::check_outside;
 pub use layout::{Layout, ShardId};
 pub use level_bricks::LevelBricks;

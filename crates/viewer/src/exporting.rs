@@ -3,8 +3,9 @@
 use crate::planes::{Grid, first_shown};
 use crate::work_row;
 use brickyard::background::{self, Background, BackgroundError};
+use brickyard::export::{ExportChannels, ExportError, ExportRequest, ExportTime, Exported};
 use brickyard::session::VolumeSource;
-use brickyard::store::{ExportError, ExportRequest, ExportTime, Store};
+use brickyard::store::Store;
 use brickyard::volume::{Extent, Scene, VoxelBox, VoxelType, box_corners};
 use eframe::egui::Ui;
 use glam::DVec3;
@@ -40,8 +41,8 @@ impl Part {
             return Err("the first visible layer has no voxels within clip box and crop".into());
         }
         let step = VolumeSource::timeline(volumes, scene).step_of(scene.store(layer), scene.time);
-        let (time, channel) = (ExportTime::Step(step), scene.layers[layer].channel);
-        let request = ExportRequest { time, channel, region: Some(region), ..ExportRequest::default() };
+        let (time, channels) = (ExportTime::Step(step), ExportChannels::One(scene.layers[layer].channel));
+        let request = ExportRequest { time, channels, region: Some(region), ..ExportRequest::default() };
         Ok(Self { store, request, extent: region.extent() })
     }
 
@@ -69,11 +70,11 @@ fn touched([low, high]: [DVec3; 2], extent: [u32; 3]) -> VoxelBox {
 pub(crate) struct Exporting {
     path: PathBuf,
     voxel_type: VoxelType,
-    work: Background<Extent, ExportError>,
+    work: Background<Exported, ExportError>,
 }
 
 impl Exporting {
-    /// Starts writing a part to a file, whose extension is the format. An existing file is left as it is.
+    /// Starts writing a part to a file, whose name tells the format. An existing file is left as it is.
     pub(crate) fn start(part: Part, path: &Path) -> Self {
         let voxel_type = part.voxel_type();
         Self { path: path.into(), voxel_type, work: background::export(part.store, path.into(), part.request) }
@@ -83,7 +84,10 @@ impl Exporting {
     pub(crate) fn poll(&mut self) -> Option<Result<String, String>> {
         let path = self.path.display();
         Some(match self.work.poll()? {
-            Ok(Extent { x, y, z }) => Ok(format!("wrote {path}: {x} x {y} x {z} {}", self.voxel_type)),
+            Ok(Exported { extent: Extent { x, y, z }, notes, .. }) => {
+                let wrote = format!("wrote {path}: {x} x {y} x {z} {}", self.voxel_type);
+                Ok([&[wrote][..], &notes[..]].concat().join(". "))
+            }
             Err(BackgroundError::Failed(ExportError::Exists { .. })) => {
                 Err(format!("{path}: exists already; choose another name"))
             }

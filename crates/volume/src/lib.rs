@@ -102,7 +102,7 @@ pub use stereo::{Stereo, StereoError, StereoLayout};
 pub use supersampling::{PictureSum, PixelSample, PixelSamples, PixelSamplesError};
 pub use surface::{Isosurface, Surface};
 pub use time_axis::{TimeAxis, TimeProblem};
-pub use time_unit::{time_symbol, time_unit};
+pub use time_unit::{time_symbol, time_unit, time_unit_s};
 pub use timeline::{Timeline, VolumeTime};
 pub use transfer::{
     Region, Shape, Subject, TransferChoice, TransferFile, TransferFunction, TransferGrid, TransferTable,

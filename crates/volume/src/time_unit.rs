@@ -45,7 +45,7 @@ pub fn time_unit(text: &str) -> Result<&'static str, String> {
 }
 
 /// Seconds per unit of time, by its name; `None` if it is none of OME-Zarr's.
-pub(crate) fn time_unit_s(name: &str) -> Option<f64> {
+pub fn time_unit_s(name: &str) -> Option<f64> {
     UNITS.iter().find(|(known, ..)| *known == name).map(|(_, seconds, _)| *seconds)
 }
 

@@ -2,9 +2,9 @@
 //! the work becomes its error.
 
 use crate::session::volume_source::VolumeSource;
+use brickyard_export::{self as export_files, ExportError, ExportRequest, Exported};
 use brickyard_import::{self as import, ImportError, Source};
-use brickyard_store::{self as store, Exists, ExportError, ExportRequest, OpenError, PackError, PackOptions, Store};
-use brickyard_volume::Extent;
+use brickyard_store::{self as store, Exists, OpenError, PackError, PackOptions, Store};
 use std::any::Any;
 use std::io;
 use std::ops::ControlFlow;
@@ -255,10 +255,10 @@ impl store::Progress for PackMeter<'_> {
     }
 }
 
-/// Exports a level of a store, or a box of it, in the background, like [`store::export()`].
-pub fn export(store: Arc<Store>, output: PathBuf, request: ExportRequest) -> Background<Extent, ExportError> {
+/// Exports a level of a store, or a box of it, in the background, like [`export()`](brickyard_export::export()).
+pub fn export(store: Arc<Store>, output: PathBuf, request: ExportRequest) -> Background<Exported, ExportError> {
     Background::start(move |meter| {
-        store::export(&store, &output, &request, |done, total| {
+        export_files::export(&store, &output, &request, |done, total| {
             meter.set(done, total);
             if meter.is_cancelled() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
         })
@@ -269,7 +269,7 @@ pub fn export(store: Arc<Store>, output: PathBuf, request: ExportRequest) -> Bac
 mod tests {
     use super::*;
     use brickyard_import::{OpenOptions, SynthKind, SynthSource, open};
-    use brickyard_volume::VoxelType;
+    use brickyard_volume::{Extent, VoxelType};
     use std::sync::mpsc::channel;
 
     #[test]
@@ -326,7 +326,7 @@ mod tests {
         let store = volume.store().expect("a store").clone();
         let output = folder.path().join("b.raw");
         let mut work = export(store, output.clone(), ExportRequest::default());
-        assert_eq!(work.wait().expect("a result").unwrap(), Extent::new(40, 30, 20));
+        assert_eq!(work.wait().expect("a result").unwrap().extent, Extent::new(40, 30, 20));
         assert_eq!((std::fs::read(&output).unwrap(), work.meter().progress()), (raw, (24_000, 24_000)));
         // The second time it is there.
         let mut work = pack(source, place, PackOptions::new(VoxelType::U8));

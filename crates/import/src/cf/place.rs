@@ -4,15 +4,13 @@ use super::axes::{Dim, Scale};
 use crate::axes::Axis;
 use crate::note::{Note, Setting};
 use crate::source::SourceInfo;
-use crate::step_time::{StepTime, TimeSpan};
+use crate::step_time::{StepTime, TimeSpan, is_moment};
 use brickyard_volume::units::{LengthUnit, degree_of_text};
 use brickyard_volume::{TimeAxis, time_unit};
 
 /// Largest difference of even coordinates from their line, as a part of the spacing.
 const EVEN: f64 = 1e-3;
 
-/// Most bytes of the moment from which times count.
-const LONGEST_MOMENT: usize = 64;
 
 /// Coordinates along an axis.
 struct Line {
@@ -171,7 +169,7 @@ fn time(info: &mut SourceInfo, coordinates: &[f64], scale: &Scale, notes: &mut V
         Some(calendar) => format!("{moment} ({})", calendar.trim()),
         None => moment,
     });
-    if since.as_ref().is_some_and(|since| since.len() > LONGEST_MOMENT || since.chars().any(char::is_control)) {
+    if since.as_ref().is_some_and(|since| !is_moment(since)) {
         notes.push(Note::warning("The moment from which the file's times count is no short text: they are left out."));
         return None;
     }

@@ -121,6 +121,13 @@ impl Entry {
             let problem = format!("grid {number} has no \"file\": write the name of its file into the list");
             return Err(ImportError::invalid(list, problem));
         };
+        if let Some(field) = fields.of_whole() {
+            let problem = format!(
+                "grid {number}, {}, has \"{field}\", which is for a whole volume: leave it out",
+                file.display()
+            );
+            return Err(ImportError::invalid(list, problem));
+        }
         let input = folder_of(list).join(file);
         if is_pipe(&input) {
             let problem = format!("grid {number}, {}, is a pipe: write it to a file first", input.display());

@@ -444,3 +444,12 @@ fn large_boxes_are_read_in_pieces() {
     // A piece's marks and cells, and the cells' numbers along the axes.
     assert_eq!(source.reader_bytes(), 2 * super::PIECE_VOXELS + 4 * u64::from(x + y + 3));
 }
+
+#[test]
+fn fields_of_a_whole_volume_are_no_grid_s() {
+    for (field, value) in [("time_start", json!(3)), ("time_stamps", json!([3])), ("time_since", json!("x")), ("labels", json!(true))] {
+        let listed = row("u8", [1.0, 2.0], [3.0, 4.0], [json!({}), json!({field: value})]);
+        let found = listed.refusal(&json!({}));
+        assert!(found.contains(&format!("grid 2, fine.raw, has \"{field}\"")), "{found}");
+    }
+}

@@ -5,6 +5,7 @@ use crate::data_files::{Coding, DataFiles, Start, beside};
 use crate::element::{Decode, Element, Endian};
 use crate::error::{ImportError, Result};
 use crate::header_lines::{HeaderLines, counted_names};
+use crate::step_time::moment_in;
 use brickyard_volume::{VoxelType, counted};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -69,6 +70,8 @@ pub(super) struct Header {
     /// Names in lower case without blanks, and values.
     fields: BTreeMap<String, String>,
     pub(super) segments: Segments,
+    /// The moment from which times count, of the key `time_since`, which exports write.
+    pub(super) since: Option<String>,
     /// Names of data files in lines of their own.
     listed: Vec<String>,
     /// Bytes up to the first one behind the header; `None` if the file ends with it.
@@ -89,7 +92,7 @@ impl Header {
         }
         let path = path.to_owned();
         let (fields, segments) = (BTreeMap::new(), Segments::default());
-        let mut header = Self { path, fields, segments, listed: Vec::new(), end: None };
+        let mut header = Self { path, fields, segments, since: None, listed: Vec::new(), end: None };
         while let Some(line) = lines.next()? {
             if line.is_empty() {
                 header.end = Some(lines.bytes());
@@ -104,7 +107,7 @@ impl Header {
         Ok(header)
     }
 
-    /// Adds a line's field. Comments say nothing of the array, and keys with values nothing but its segments.
+    /// Adds a line's field. Comments say nothing of the array, and keys with values nothing but its segments and the moment of its times.
     fn add(&mut self, line: &str) -> Result<()> {
         if line.starts_with('#') {
             return Ok(());
@@ -117,6 +120,9 @@ impl Header {
         };
         if let Some(value) = value.strip_prefix('=') {
             self.segments.add(name.trim(), value.trim());
+            if name.trim() == "time_since" {
+                self.since = moment_in(value);
+            }
             return Ok(());
         }
         let name: String = name.to_lowercase().split_whitespace().collect();

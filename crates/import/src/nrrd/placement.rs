@@ -338,7 +338,8 @@ fn set_time(header: &Header, axes: &Axes, info: &mut SourceInfo, notes: &mut Vec
         return Ok(());
     }
     let start = samples.start(axis, step).unwrap_or(0.0);
-    take_time(TimeAxis { start, step, unit: known.map(str::to_owned), ..TimeAxis::default() }, info, notes);
+    let (unit, since) = (known.map(str::to_owned), header.since.clone());
+    take_time(TimeAxis { start, step, unit, since, ..TimeAxis::default() }, info, notes);
     Ok(())
 }
 

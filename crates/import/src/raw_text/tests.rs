@@ -1,5 +1,6 @@
 //! Texts beside raw files of known bytes.
 
+use crate::labels::SaidKind;
 use crate::open::open;
 use crate::options::{NoData, OpenOptions};
 use crate::source::Source;
@@ -107,6 +108,65 @@ fn texts_that_say_too_little_or_too_much_are_refused() {
     let told = OpenOptions { voxel_type: Some(VoxelType::U8.into()), ..OpenOptions::default() };
     let message = open(&[folder.path().join("a.json")], &told).err().unwrap().to_string();
     assert!(message.contains("`voxel_type` is for raw files"), "{message}");
+}
+
+/// Text whose end is replaced by these fields.
+fn text_with(more: &str) -> String {
+    TEXT.replace(r#""time_step": 0.25, "time_unit": "s", "nodata": -1"#, more)
+}
+
+#[test]
+fn a_place_in_a_patient_and_times_are_told() {
+    let opened_with = |more: &str| {
+        let folder = written("a.json", &text_with(more));
+        let source = opened(&folder.path().join("a.raw"));
+        source.map(|source| (source.info().clone(), folder))
+    };
+    let rows = [[0.0, -1.0, 0.0, 1.0], [0.5, 0.0, 0.0, -2.0], [0.0, 0.0, 2.0, 3.0]];
+    let (info, _) = opened_with(&format!(r#""orientation": {rows:?}, "labels": true"#)).unwrap();
+    assert_eq!((info.orientation.unwrap().rows(), info.geometry.origin.to_array()), (rows, [1.0, -2.0, 3.0]));
+    assert_eq!(info.kind, SaidKind::Labels("the text beside the raw file"));
+    let time = |more: &str| opened_with(more).unwrap().0.time.unwrap();
+    let late = time(r#""time_step": 0.25, "time_start": -3, "time_unit": "ms""#);
+    assert_eq!((late.start, late.step, late.unit.as_deref()), (-3.0, 0.25, Some("millisecond")));
+    let since = time(r#""time_step": 6, "time_unit": "h", "time_since": "2000-01-01""#);
+    assert_eq!((since.step, since.since.as_deref()), (6.0, Some("2000-01-01")));
+    let uneven = time(r#""time_stamps": [1, 2, 4], "time_unit": "h""#);
+    assert_eq!((uneven.stamps, uneven.unit.as_deref()), (vec![1.0, 2.0, 4.0], Some("hour")));
+    for (more, words) in [
+        (r#""time_start": 3"#, "has time_start, but no time_step"),
+        (r#""time_start": 3, "time_unit": "s""#, "has time_start, but no time_step"),
+        (r#""time_start": 3, "time_stamps": [1, 2, 4]"#, "give one of the two"),
+        (r#""time_step": 3, "time_stamps": [1, 2, 4]"#, "give one of the two"),
+        (r#""time_since": "2000-01-01""#, "has time_since, but no times"),
+        (r#""time_step": 3, "time_since": " ""#, "time_since: expected a moment"),
+        (r#""time_step": 3, "time_since": "a\nb""#, "time_since: expected a moment"),
+        (r#""time_stamps": [1, 2]"#, "2 numbers for 3 time steps"),
+        (r#""time_stamps": [1, 2, 2]"#, "ascending"),
+        (r#""orientation": [[1, 1, 0, 0], [0, 0, 0, 0], [0, 0, 1, 0]]"#, "orientation: the matrix is singular"),
+        (r#""orientation": [[1, 0, 0], [0, 1, 0], [0, 0, 1]]"#, "expected an array of length 4"),
+    ] {
+        let found = opened_with(more).err().unwrap();
+        assert!(found.contains(words), "{more}: {found}");
+    }
+    let degrees = text_with(&format!(r#""orientation": {rows:?}"#)).replace(r#""um""#, r#""degree,degree,hPa""#);
+    let folder = written("a.json", &degrees);
+    assert!(opened(&folder.path().join("a.raw")).err().unwrap().contains("one unit of length"));
+}
+
+/// Labels are whole numbers; a text may also say that voxels are none.
+#[test]
+fn labels_are_told_of_whole_numbers() {
+    let kind = |dtype: &str, labels: bool| {
+        let text = format!(r#"{{"shape": [2, 2, 1], "dtype": "{dtype}", "labels": {labels}}}"#);
+        let (folder, path) = temp_file("a.raw", &[0; 16]);
+        std::fs::write(folder.path().join("a.raw.json"), text).unwrap();
+        opened(&path).map(|source| source.info().kind)
+    };
+    const WORD: &str = "the text beside the raw file";
+    assert_eq!(kind("u32", true), Ok(SaidKind::Labels(WORD)));
+    assert_eq!((kind("u32", false), kind("f32", false)), (Ok(SaidKind::Image(WORD)), Ok(SaidKind::Image(WORD))));
+    assert!(kind("f32", true).unwrap_err().contains("labels are whole numbers"));
 }
 
 proptest! {

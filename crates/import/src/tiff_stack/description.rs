@@ -15,7 +15,7 @@ use crate::note::{Note, Setting};
 use crate::options::NoData;
 use crate::source::SourceInfo;
 use crate::spacing::Spacing;
-use crate::step_time::{StepTime, TimeSpan};
+use crate::step_time::{StepTime, TimeSpan, moment_in};
 use brickyard_volume::numbers::exact;
 use brickyard_volume::{ChannelLook, Extent, TimeAxis, VoxelType, time_unit};
 
@@ -170,6 +170,16 @@ impl Description {
             Err(problem) => self
                 .notes
                 .push(Note::warning(format!("{whose} times are left out: {problem}.")).settled_by(Setting::Times)),
+        }
+    }
+
+    /// Sets the moment from which the times count, where there are any.
+    pub(super) fn set_since(&mut self, moment: Option<&str>) {
+        let moment = moment.and_then(moment_in);
+        match (&mut self.time, &mut self.step_time.stamp) {
+            (Some(axis), _) => axis.since = moment,
+            (None, Some(stamp)) => stamp.since = moment,
+            (None, None) => {}
         }
     }
 

@@ -57,6 +57,8 @@ pub(super) fn read(text: &str, resolution: Option<[f64; 2]>, samples: u16) -> De
     let interval = value("finterval").and_then(|v| v.parse::<f64>().ok()).filter(|step| *step != 0.0);
     if let Some(step) = interval {
         description.set_increment(step, value("tunit").unwrap_or("s"), frames);
+        // No word of ImageJ's own, but of exports.
+        description.set_since(value("time_since"));
     }
     description
 }

@@ -1,7 +1,7 @@
 //! OME-XML, read as a stream: the first image's `Pixels`, the map of its planes to pages, and the files of the pages.
 //!
 //! Only the needed parts are kept: a plane's place takes 28 bytes, and at most one tag, or one text between tags, is held at a time.
-//! Elements count only in their places by the schema; comments, CDATA and annotations do not.
+//! Elements count only in their places by the schema; comments, CDATA and annotations do not, but for the moment of times in the one that exports write.
 
 #[cfg(test)]
 mod tests;
@@ -28,6 +28,9 @@ const MOST_ENTRIES: usize = 1 << 20;
 const MOST_PARTS: usize = 1 << 17;
 /// Most channels with looks.
 const MOST_LOOKS: usize = 4096;
+/// Namespace of the annotation of exports, and its key of the moment from which times count.
+const OWN_NAMESPACE: &str = "brickyard";
+const SINCE_KEY: &str = "time_since";
 
 /// The `Pixels` element of an image.
 #[derive(Debug, Default, PartialEq)]
@@ -142,6 +145,10 @@ enum Element {
     Pixels,
     TiffData,
     Uuid,
+    Annotations,
+    OwnMap,
+    OwnValue,
+    Since,
     Other,
 }
 
@@ -165,6 +172,7 @@ struct Walk {
     /// Times of each step's first plane, and their unit.
     stamps: Vec<(u32, f64)>,
     stamp_unit: String,
+    since: String,
     looks: Vec<ChannelLook>,
     samples: Option<u32>,
     splits_axes: bool,
@@ -217,6 +225,17 @@ impl Walk {
                 self.has_binary_data = true;
                 Element::Other
             }
+            (Some(Element::Root), b"StructuredAnnotations") => Element::Annotations,
+            (Some(Element::Annotations), b"MapAnnotation")
+                if attribute(tag, "Namespace")?.as_deref() == Some(OWN_NAMESPACE) =>
+            {
+                Element::OwnMap
+            }
+            (Some(Element::OwnMap), b"Value") => Element::OwnValue,
+            (Some(Element::OwnValue), b"M") if attribute(tag, "K")?.as_deref() == Some(SINCE_KEY) => {
+                self.since.clear();
+                Element::Since
+            }
             (_, name) => {
                 self.splits_axes |= name.starts_with(b"ModuloAlong");
                 Element::Other
@@ -227,6 +246,9 @@ impl Walk {
     }
 
     fn text(&mut self, text: &[u8]) -> Result<(), Failure> {
+        if self.open.last() == Some(&Element::Since) && self.since.len() <= LONGEST_NAME {
+            self.since += &decoded(text);
+        }
         if self.open.last() != Some(&Element::Uuid) {
             return Ok(());
         }
@@ -374,6 +396,7 @@ impl Walk {
             None if times > 1 => self.set_stamps(&mut description, times),
             None => {}
         }
+        description.set_since(Some(&self.since));
         if self.splits_axes {
             let note = "The OME-XML description splits an axis once more (Modulo); it is kept as one.";
             description.notes.push(Note::warning(note));

@@ -8,6 +8,7 @@ use crate::keys::{PICTURE_FILE, SCENE_FILE};
 use crate::marks::Marks;
 use crate::panels::description::Description;
 use crate::panels::widgets::{group, row};
+use brickyard::export::paths_of;
 use brickyard::session::VolumeSource;
 use brickyard::volume::{Extent, Scene};
 use eframe::egui::{self, Button, DragValue, Key, RichText, TextEdit, Ui, pos2};
@@ -15,6 +16,10 @@ use std::path::{Path, PathBuf};
 
 /// The file for exported voxels, in the folder the window was opened from.
 const VOXELS_FILE: &str = "brickyard.npy";
+
+/// Names of exports, by their formats.
+const FORMATS: &str = "choose a name ending in .nii, .nii.gz, .nrrd, .mha, .mhd, .vti, .tif (ImageJ), .ome.tif, .npy (NumPy), .raw or, for a \
+    folder of PNG planes, /";
 
 /// Most pixels of a picture along an axis.
 const MOST_PX: u32 = 16384;
@@ -181,9 +186,11 @@ impl Dialog {
         let (path, is_entered) = self.file(ui);
         let problem = match &part {
             Err(problem) => Some(problem.as_str()),
-            Ok(_) if !has_format(&path) => Some("choose a name ending in .npy (NumPy) or .raw (voxels alone)"),
-            Ok(_) if path.exists() => Some("this file exists: choose another name"),
-            Ok(_) => None,
+            Ok(_) => match paths_of(&path) {
+                None => Some(FORMATS),
+                Some(files) if files.iter().any(|file| file.exists()) => Some("this file exists: choose another name"),
+                Some(_) => None,
+            },
         };
         if let Ok(part) = &part {
             let Extent { x, y, z } = part.extent;
@@ -209,10 +216,6 @@ impl Dialog {
         ui.label(RichText::new(there.display().to_string()).weak());
         (path, is_entered)
     }
-}
-
-fn has_format(path: &Path) -> bool {
-    path.extension().is_some_and(|extension| extension == "npy" || extension == "raw")
 }
 
 #[cfg(test)]
@@ -319,7 +322,7 @@ mod tests {
         let mut with_store = harness(DialogKind::Export, folder.path(), scene, volumes);
         with_store.run();
         assert!(with_store.query_by_label_contains("6 x 17 x 5 voxels, u16").is_some());
-        for (name, problem) in [("a.tif", "ending in .npy"), ("there.raw", "choose another name")] {
+        for (name, problem) in [("a.xyz", "ending in .nii"), ("there.raw", "choose another name")] {
             std::fs::write(folder.path().join("there.raw"), "mine").unwrap();
             with_store.state_mut().dialog.path = folder.path().join(name).display().to_string();
             with_store.run();

@@ -1,0 +1,372 @@
+//! Files of every format, opened again by `brickyard-import`: the same voxels in the same places, with all facts of the format; and a note
+//! on the others.
+
+use super::*;
+use crate::frame::Frame;
+use crate::testing::{TestStore, bytes_of, info, value};
+use brickyard_import::{NoData, SourceInfo, open};
+use brickyard_volume::units::LengthUnit;
+use brickyard_volume::{ChannelLook, Level, Orientation, TimeAxis, VoxelType};
+use glam::{DMat3, DQuat, DVec3, EulerRot};
+
+/// A name of each format but for pictures, which keep no place.
+const NAMES: [&str; 10] =
+    ["a.raw", "a.npy", "a.nii", "a.nii.gz", "a.nrrd", "a.mha", "m.mhd", "a.vti", "a.tif", "a.ome.tif"];
+/// Names of formats with axes of time by their own word.
+const WITH_TIME: [&str; 8] = ["a.raw", "a.nii", "a.nii.gz", "a.nrrd", "a.mha", "m.mhd", "a.tif", "a.ome.tif"];
+
+const REGION: VoxelBox = VoxelBox::new([3, 8, 2], [36, 17, 19]);
+
+/// A volume turned in a patient, of unlike spacings, mirrored along z where `sign` is -1.
+fn oblique(sign: f64) -> SourceInfo {
+    let spacing = DVec3::new(0.5, 0.65, 2.0);
+    let turn = DMat3::from_quat(DQuat::from_euler(EulerRot::XYZ, 0.3, -0.7, 2.0));
+    let steps = [turn.x_axis * spacing.x, turn.y_axis * spacing.y, turn.z_axis * (spacing.z * sign)];
+    let rows = [0, 1, 2].map(|row| [steps[0][row], steps[1][row], steps[2][row], [-70.0, 12.5, 100.0][row]]);
+    let mut info = placed();
+    info.geometry.spacing = spacing;
+    info.orientation = Some(Orientation::new(rows).unwrap());
+    info
+}
+
+/// A volume with an origin of its own.
+fn placed() -> SourceInfo {
+    let mut info = SourceInfo { calibrated: true, ..info() };
+    info.geometry.spacing = DVec3::new(0.5, 0.65, 2.0);
+    info.geometry.origin = DVec3::new(-3.0, 0.1, 100.0);
+    info.geometry.unit = Some("millimeter".into());
+    info
+}
+
+/// Exports all channels and steps, and opens the file.
+fn back(test: &TestStore, name: &str, request: ExportRequest) -> (Box<dyn Source>, Vec<String>) {
+    let output = test.folder.path().join(name);
+    let exported =
+        export(&test.store, &output, &ExportRequest { overwrite: true, ..request }, |_, _| ControlFlow::Continue(()));
+    let notes = exported.unwrap().notes;
+    let scratch_dir = Some(test.folder.path().to_owned());
+    (open(&[output], &OpenOptions { scratch_dir, ..OpenOptions::default() }).unwrap(), notes)
+}
+
+fn all(store: &Store) -> ExportRequest {
+    let time = ExportTime::Steps { first: 0, end: store.times(), stride: 1 };
+    let channels = if store.channels() > 1 { ExportChannels::All } else { ExportChannels::One(0) };
+    ExportRequest { time, channels, ..ExportRequest::default() }
+}
+
+fn assert_voxels(source: &dyn Source, region: VoxelBox, name: &str) {
+    let (info, whole) = (source.info(), source.info().extent.full_box());
+    assert_eq!(info.extent, region.extent(), "{name}");
+    for (t, c) in (0..info.times).flat_map(|t| (0..info.channels).map(move |c| (t, c))) {
+        let mut found = vec![0; whole.extent().volume() as usize * info.voxel_type.bytes()];
+        source.read_box(t, c, whole, &mut found).unwrap();
+        let expected: Vec<u8> = region.voxels().flat_map(|at| bytes_of(info.voxel_type, value(t, c, at))).collect();
+        assert!(found == expected, "{name}: step {t}, channel {c}");
+    }
+}
+
+/// Places of three corners in a patient, in metres.
+fn corners(info: &SourceInfo) -> [DVec3; 3] {
+    let frame = Frame::of(info);
+    let metres = info.geometry.unit.as_deref().map_or(1.0, |unit| LengthUnit::named(unit).unwrap().metres());
+    let [x, y, z] = info.extent.to_array().map(|n| f64::from(n) - 1.0);
+    let [a, b, c] = frame.steps;
+    [frame.first, frame.first + a * x + c * z, frame.first + a * x + b * y + c * z].map(|at| at * metres)
+}
+
+fn assert_place(found: &SourceInfo, expected: &SourceInfo, name: &str) {
+    let voxel = Frame::of(expected).spacing.min_element()
+        * expected.geometry.unit.as_deref().map_or(1.0, |unit| LengthUnit::named(unit).unwrap().metres());
+    for (found, expected) in corners(found).into_iter().zip(corners(expected)) {
+        // NIfTI-1 has 32-bit numbers.
+        assert!((found - expected).length() <= 1e-3 * voxel, "{name}: {found}, expected {expected}");
+    }
+}
+
+/// A part of a level, as its source describes it.
+fn described(test: &TestStore, request: &ExportRequest) -> SourceInfo {
+    let region = request.checked_region(&test.store).unwrap();
+    part_of(&test.store, Path::new("out"), request, region).unwrap().info().clone()
+}
+
+#[test]
+fn voxels_of_every_type_come_back() {
+    for voxel_type in VoxelType::ALL {
+        let test = TestStore::of(SourceInfo { voxel_type, ..oblique(1.0) });
+        for name in NAMES {
+            let request = ExportRequest { region: Some(REGION), ..ExportRequest::default() };
+            let (source, _) = back(&test, name, request);
+            assert_eq!(source.info().voxel_type, voxel_type, "{name}");
+            assert_voxels(&*source, REGION, name);
+        }
+    }
+}
+
+#[test]
+fn pictures_come_back_plane_by_plane() {
+    for voxel_type in [VoxelType::U8, VoxelType::U16] {
+        let test = TestStore::of(SourceInfo { voxel_type, ..oblique(1.0) });
+        let request = ExportRequest { region: Some(REGION), ..ExportRequest::default() };
+        let (source, notes) = back(&test, "planes/", request);
+        assert_eq!(source.info().voxel_type, voxel_type);
+        assert_voxels(&*source, REGION, "planes/");
+        assert!(
+            notes[0].contains("PNG cannot keep the spacing, the orientation: left out.")
+                || notes[0].contains("the spacing and the orientation"),
+            "{notes:?}"
+        );
+    }
+}
+
+#[test]
+fn parts_of_levels_lie_where_they_did() {
+    for sign in [1.0, -1.0] {
+        let test = TestStore::of(oblique(sign));
+        for (level, region) in [(0, REGION), (1, VoxelBox::new([2, 0, 1], [9, 8, 10]))] {
+            let request = ExportRequest { level: Level(level), region: Some(region), ..ExportRequest::default() };
+            let expected = described(&test, &request);
+            for name in ["a.raw", "a.nii", "a.nii.gz", "a.nrrd", "a.mha", "m.mhd", "a.vti"] {
+                let (source, notes) = back(&test, name, request.clone());
+                let mut found = source.info().clone();
+                if name == "a.vti" {
+                    found.geometry.unit = expected.geometry.unit.clone();
+                }
+                assert_place(&found, &expected, name);
+                assert!(found.calibrated, "{name}");
+                let lost: Vec<_> = notes.iter().filter(|note| note.contains("cannot keep")).collect();
+                let unit = "A .vti file cannot keep the unit of lengths (millimeter): left out.";
+                assert_eq!(lost, if name == "a.vti" { vec![unit] } else { vec![] }, "{name}");
+            }
+            for name in ["a.tif", "a.ome.tif", "a.npy"] {
+                let (source, notes) = back(&test, name, request.clone());
+                assert!(notes[0].contains("the orientation"), "{notes:?}");
+                if name != "a.npy" {
+                    let (found, expected) = (source.info().geometry.spacing, Frame::of(&expected).spacing);
+                    assert!((found - expected).abs().max_element() < 1e-9, "{name}: {found} {expected}");
+                    assert_eq!(source.info().geometry.unit.as_deref(), Some("millimeter"));
+                }
+            }
+        }
+    }
+}
+
+/// An orientation on a level's voxels is the finer ones': the middle of the first block.
+#[test]
+fn a_level_s_first_voxel_is_the_middle_of_finer_ones() {
+    let test = TestStore::of(oblique(1.0));
+    let fine = described(&test, &ExportRequest::default());
+    let coarse = described(&test, &ExportRequest { level: Level(1), ..ExportRequest::default() });
+    let factor = DVec3::from_array(test.store.pyramid().level(Level(1)).factor.map(f64::from));
+    assert!(factor.max_element() > 1.0);
+    let [fine, coarse] = [Frame::of(&fine), Frame::of(&coarse)];
+    let middle = (factor - 1.0) * 0.5;
+    let expected = fine.first + fine.steps[0] * middle.x + fine.steps[1] * middle.y + fine.steps[2] * middle.z;
+    assert!((coarse.first - expected).length() < 1e-12);
+    assert!((coarse.steps[0] - fine.steps[0] * factor.x).length() < 1e-12);
+}
+
+#[test]
+fn volumes_without_a_patient_lie_where_they_did() {
+    for unit in [Some("millimeter"), Some("micrometer"), Some("nanometer"), Some("inch"), None] {
+        let mut volume = placed();
+        volume.geometry.unit = unit.map(str::to_owned);
+        let test = TestStore::of(volume);
+        let expected = described(&test, &ExportRequest::default());
+        for name in ["a.raw", "a.nii", "a.nrrd", "a.mha", "a.vti"] {
+            let (source, notes) = back(&test, name, ExportRequest::default());
+            let mut found = source.info().clone();
+            if name == "a.vti" {
+                found.geometry.unit = expected.geometry.unit.clone();
+            }
+            assert_place(&found, &expected, name);
+            let is_given = notes.iter().any(|note| note.contains("x, y, z are written as right, front, head"));
+            assert_eq!(is_given, ["a.nii", "a.mha"].contains(&name), "{name}: {notes:?}");
+            if ["a.raw", "a.nrrd"].contains(&name) {
+                assert_eq!((found.orientation, &found.geometry), (None, &expected.geometry), "{name}");
+            }
+        }
+        for name in ["a.tif", "a.ome.tif"] {
+            let (source, notes) = back(&test, name, ExportRequest::default());
+            let (found, frame) = (source.info(), Frame::of(&expected));
+            assert!(notes[0].contains("the origin"), "{notes:?}");
+            if name == "a.tif" && unit.is_none() {
+                assert!(notes[0].contains("the spacing") && !found.calibrated, "{notes:?}");
+            } else {
+                let metres = |unit: &Option<String>| {
+                    unit.as_deref().map_or(1.0, |unit| LengthUnit::named(unit).unwrap().metres())
+                };
+                let (found, expected) = (
+                    found.geometry.spacing * metres(&found.geometry.unit),
+                    frame.spacing * metres(&expected.geometry.unit),
+                );
+                assert!((found - expected).abs().max_element() < 1e-9 * expected.max_element(), "{name} {unit:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn unknown_spacings_stay_unknown() {
+    let test = TestStore::of(info());
+    for name in NAMES {
+        let (source, notes) = back(&test, name, ExportRequest::default());
+        let info = source.info();
+        assert!(info.orientation.is_none() && info.geometry == Default::default(), "{name}");
+        // NIfTI has no spacing that is unknown.
+        assert_eq!(info.calibrated, name.contains(".nii"), "{name}");
+        assert_eq!(notes, Vec::<String>::new(), "{name}");
+    }
+}
+
+#[test]
+fn units_of_axes_are_kept_or_told() {
+    let mut volume = placed();
+    volume.geometry.unit = None;
+    volume.geometry.axis_units = Some(["degree", "degree", "hPa"].map(str::to_owned));
+    let test = TestStore::of(volume);
+    let expected = described(&test, &ExportRequest::default());
+    for name in NAMES {
+        let (source, notes) = back(&test, name, ExportRequest::default());
+        if ["a.raw", "a.nrrd"].contains(&name) {
+            assert_eq!(source.info().geometry, expected.geometry, "{name}");
+        } else {
+            assert!(notes.iter().any(|note| note.contains("cannot keep")), "{name}: {notes:?}");
+        }
+    }
+}
+
+#[test]
+fn times_are_kept_or_told() {
+    let axis = |start, unit: Option<&str>| TimeAxis {
+        start,
+        step: 0.25,
+        unit: unit.map(str::to_owned),
+        ..TimeAxis::default()
+    };
+    const OF_EVEN_TIMES: [&str; 7] = ["a.npy", "a.nii", "a.nii.gz", "a.nrrd", "a.mha", "m.mhd", "a.tif"];
+    let uneven = TimeAxis::of_stamps(vec![1.0, 2.0, 4.0], Some("second".into())).unwrap();
+    let late = |start| TimeAxis { since: Some("1900-01-01 06:00 (noleap)".into()), ..axis(start, Some("hour")) };
+    for (time, lost) in [
+        (axis(0.0, Some("second")), &["a.npy", "a.mha", "m.mhd"][..]),
+        (axis(2.0, Some("millisecond")), &["a.npy", "a.mha", "m.mhd", "a.tif"]),
+        (axis(0.0, Some("hour")), &["a.npy", "a.mha", "m.mhd"]),
+        (axis(0.0, None), &["a.npy", "a.tif", "a.ome.tif"]),
+        (late(0.0), &["a.npy", "a.nii", "a.nii.gz", "a.mha", "m.mhd"]),
+        (late(7.0), &["a.npy", "a.nii", "a.nii.gz", "a.mha", "m.mhd", "a.tif"]),
+        (TimeAxis { since: late(0.0).since, ..uneven.clone() }, &OF_EVEN_TIMES),
+        (uneven, &OF_EVEN_TIMES),
+    ] {
+        let test = TestStore::of(SourceInfo { times: 3, time: Some(time.clone()), ..placed() });
+        for name in WITH_TIME {
+            let (source, notes) = back(&test, name, all(&test.store));
+            assert_voxels(&*source, source.info().extent.full_box(), name);
+            let found = source.info().time.clone();
+            if lost.contains(&name) {
+                assert!(notes.iter().any(|note| note.contains("time")), "{name} {time:?}: {notes:?}");
+                continue;
+            }
+            assert!(!notes.iter().any(|note| note.contains("time")), "{name} {time:?}: {notes:?}");
+            let found = found.unwrap();
+            // NIfTI has no hours.
+            let is_in_seconds = name.contains(".nii") && time.unit.as_deref() == Some("hour");
+            let expected = match is_in_seconds {
+                true => TimeAxis { step: 900.0, unit: Some("second".into()), ..time.clone() },
+                false => time.clone(),
+            };
+            assert_eq!(found, expected, "{name}");
+        }
+    }
+}
+
+#[test]
+fn channels_have_their_names_colours_and_units() {
+    let look = |name: &str, color| ChannelLook {
+        name: Some(name.into()),
+        color: Some(color),
+        window: None,
+        unit: Some("K".into()),
+    };
+    let channel_looks = vec![look("DAPI <1>", [0, 0, 255]), look("caf\u{e9} & \"b\"", [255, 128, 0])];
+    let test = TestStore::of(SourceInfo { channels: 2, times: 2, channel_looks, ..placed() });
+    let expected = described(&test, &all(&test.store)).channel_looks;
+    for name in ["a.raw", "a.nii", "a.nii.gz", "a.nrrd", "a.tif", "a.ome.tif"] {
+        let (source, notes) = back(&test, name, all(&test.store));
+        assert_voxels(&*source, source.info().extent.full_box(), name);
+        let looks = &source.info().channel_looks;
+        let (names, colors, units) = match name {
+            "a.raw" => (true, false, true),
+            "a.nrrd" => (false, false, true),
+            "a.tif" => (false, true, true),
+            "a.ome.tif" => (true, true, false),
+            _ => (false, false, false),
+        };
+        let look = |i: usize| looks.get(i).cloned().unwrap_or_default();
+        for i in 0..2 {
+            assert_eq!(look(i).name.is_some(), names, "{name}");
+            assert!(!names || look(i).name == expected[i].name, "{name}: {:?}", look(i));
+            assert!(!colors || look(i).color == expected[i].color, "{name}: {:?}", look(i));
+            assert!(!units || look(i).unit == expected[i].unit, "{name}: {:?}", look(i));
+        }
+        let told = notes.join(" ");
+        for (is_kept, words) in
+            [(names, "names of channels"), (colors, "colours of channels"), (units, "unit of values (K)")]
+        {
+            assert_eq!(!is_kept, told.contains(words), "{name}: {told}");
+        }
+    }
+    // Arrays of one step, by their names.
+    let request = ExportRequest { time: ExportTime::Step(1), ..all(&test.store) };
+    let output = test.folder.path().join("a.vti");
+    export(&test.store, &output, &request, |_, _| ControlFlow::Continue(())).unwrap();
+    for (channel, look) in expected.iter().enumerate() {
+        let options = OpenOptions { variable: look.name.clone(), ..OpenOptions::default() };
+        let source = open(std::slice::from_ref(&output), &options).unwrap();
+        let whole = source.info().extent.full_box();
+        let mut found = vec![0; whole.extent().volume() as usize * 2];
+        source.read_box(0, 0, whole, &mut found).unwrap();
+        let voxels: Vec<u8> =
+            whole.voxels().flat_map(|at| bytes_of(VoxelType::U16, value(1, channel as u32, at))).collect();
+        assert!(found == voxels, "{look:?}");
+    }
+}
+
+#[test]
+fn no_data_and_labels_are_kept_or_told() {
+    let mut volume = SourceInfo { nodata: Some(7.0), ..placed() };
+    let test = TestStore::of(volume.clone());
+    assert_eq!(test.store.nodata(), Some(7.0));
+    for name in NAMES {
+        let (source, notes) = back(&test, name, ExportRequest::default());
+        let is_kept = ["a.raw", "a.tif", "a.ome.tif"].contains(&name);
+        assert_eq!(source.info().nodata, is_kept.then_some(7.0), "{name}");
+        assert_eq!(notes.iter().any(|note| note.contains("no data (7)")), !is_kept, "{name}: {notes:?}");
+    }
+    volume.nodata = None;
+    let test = TestStore::of_kind(volume, Kind::Labels);
+    for name in NAMES {
+        let (_, notes) = back(&test, name, ExportRequest::default());
+        let is_kept = open(&[test.folder.path().join(name)], &OpenOptions::default()).unwrap().info().kind.are_labels();
+        assert_eq!(is_kept, ["a.raw", "a.nii", "a.nii.gz"].contains(&name), "{name}");
+        assert_eq!(notes.iter().any(|note| note.contains("being labels")), !is_kept, "{name}: {notes:?}");
+    }
+}
+
+/// Files of single steps keep their times where a series of them finds them.
+#[test]
+fn a_step_s_time_is_kept_with_its_file() {
+    let since = Some("2000-01-01".to_owned());
+    let axis = TimeAxis { start: 3.0, step: 2.0, unit: Some("second".into()), since, ..TimeAxis::default() };
+    let test = TestStore::of(SourceInfo { times: 3, time: Some(axis.clone()), ..placed() });
+    for (end, unit) in [("raw", Some("second")), ("vti", None), ("ome.tif", Some("second"))] {
+        let paths: Vec<_> = (0..3).map(|step| test.folder.path().join(format!("s{step}.{end}"))).collect();
+        for (step, path) in (0..).zip(&paths) {
+            let request = ExportRequest { time: ExportTime::Step(step), ..ExportRequest::default() };
+            export(&test.store, path, &request, |_, _| ControlFlow::Continue(())).unwrap();
+        }
+        let source = open(&paths, &OpenOptions { nodata: NoData::OfFile, ..OpenOptions::default() }).unwrap();
+        assert_voxels(&*source, source.info().extent.full_box(), end);
+        let found = source.info().time.clone().unwrap_or_else(|| panic!("{end}"));
+        assert_eq!((found.start, found.step, found.unit.as_deref()), (3.0, 2.0, unit), "{end}");
+        assert_eq!(found.since, unit.and(axis.since.clone()), "{end}");
+    }
+}

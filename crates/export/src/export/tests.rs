@@ -1,0 +1,310 @@
+//! Rules of every format: existing files, left-overs, memory, and refusals; and the voxels of the plain ones.
+
+use super::*;
+use crate::testing::{TestStore, bytes_of, info, pack_at, value};
+use brickyard_import::SourceInfo;
+use brickyard_store::ReadError;
+use brickyard_volume::{Level, VoxelType};
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// A name of each format.
+const NAMES: [&str; 11] =
+    ["a.raw", "a.npy", "a.nii", "a.nii.gz", "a.nrrd", "a.mha", "m.mhd", "a.vti", "a.tif", "a.ome.tif", "a/"];
+
+fn go_on(_: u64, _: u64) -> ControlFlow<()> {
+    ControlFlow::Continue(())
+}
+
+/// All files in a folder, with their contents.
+fn files(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
+    let mut found = Vec::new();
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        if path.is_dir() {
+            found.push((path.clone(), Vec::new()));
+            found.extend(files(&path));
+        } else {
+            found.push((path.clone(), std::fs::read(&path).unwrap()));
+        }
+    }
+    found.sort();
+    found
+}
+
+#[test]
+fn a_cancelled_export_leaves_what_was_there() {
+    let test = TestStore::of(info());
+    for name in NAMES {
+        let out = tempfile::tempdir().unwrap();
+        let output = out.path().join(name);
+        for is_there in [false, true] {
+            // A folder is never replaced.
+            if is_there && name != "a/" {
+                crate::paths_of(&output).unwrap().iter().for_each(|path| std::fs::write(path, "mine").unwrap());
+            }
+            let before = files(out.path());
+            let request = ExportRequest { overwrite: true, ..ExportRequest::default() };
+            // At the first part, and when only the name is missing.
+            for is_last in [false, true] {
+                let watch = |done, total| match is_last && done < total {
+                    true => ControlFlow::Continue(()),
+                    false => ControlFlow::Break(()),
+                };
+                let error = export(&test.store, &output, &request, watch).unwrap_err();
+                assert!(matches!(error, ExportError::Cancelled { .. }), "{error}");
+                assert!(files(out.path()) == before, "{name}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_store_that_is_replaced_meanwhile_is_not_exported() {
+    let long = SourceInfo { extent: Extent::new(8 * 40, 8, 8 * 8), ..info() };
+    // One of each way of writing.
+    for name in ["a.raw", "a.nii.gz", "a/"] {
+        let test = TestStore::of(long.clone());
+        let out = tempfile::tempdir().unwrap();
+        let is_first = AtomicBool::new(true);
+        let replace = |_, _| {
+            if is_first.swap(false, Ordering::Relaxed) {
+                std::fs::remove_dir_all(test.store.path()).unwrap();
+                pack_at(test.store.path(), SourceInfo { voxel_type: VoxelType::U8, ..long.clone() }, Kind::Image);
+            }
+            ControlFlow::Continue(())
+        };
+        // The rest is then read after the first part.
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+        let output = out.path().join(name);
+        let request = ExportRequest::default();
+        let error = pool.install(|| export(&test.store, &output, &request, replace)).unwrap_err();
+        assert!(matches!(error, ExportError::Read(ReadError::Replaced { .. })), "{name}: {error}");
+        assert_eq!(files(out.path()), []);
+    }
+}
+
+/// Parts of rows or layers give the same file; too little memory is refused with the actual minimum.
+#[test]
+fn the_file_is_the_same_within_any_memory() {
+    let test = TestStore::of(SourceInfo { extent: Extent::new(300, 20, 19), times: 2, ..info() });
+    for name in NAMES {
+        let out = tempfile::tempdir().unwrap();
+        let output = out.path().join(name);
+        let region = Some(VoxelBox::new([3, 1, 2], [299, 20, 18]));
+        let request = ExportRequest { region, overwrite: true, ..ExportRequest::default() };
+        let written = |memory_bytes| {
+            let written = export(&test.store, &output, &ExportRequest { memory_bytes, ..request.clone() }, go_on);
+            let found = files(out.path());
+            if name == "a/" && written.is_ok() {
+                std::fs::remove_dir_all(&output).unwrap();
+            }
+            written.map(|_| found)
+        };
+        let expected = written(1 << 30).unwrap();
+        let least = match written(1) {
+            Err(ExportError::Memory { needed_bytes, .. }) => needed_bytes,
+            other => panic!("{other:?}"),
+        };
+        for more in [0, 2, 5, 30, 100].map(|cores| cores * test.store.core_bytes() as u64) {
+            assert!(written(least + more).unwrap() == expected, "{name}: {more} bytes more");
+        }
+        assert!(matches!(written(least - 1), Err(ExportError::Memory { .. })));
+    }
+}
+
+#[test]
+fn an_export_has_the_permissions_of_any_new_file() {
+    use std::os::unix::fs::PermissionsExt;
+    let test = TestStore::of(info());
+    let out = tempfile::tempdir().unwrap();
+    let [plain, folder] = ["plain", "folder"].map(|name| out.path().join(name));
+    std::fs::write(&plain, "").unwrap();
+    std::fs::create_dir(&folder).unwrap();
+    let mode = |path: &Path| path.metadata().unwrap().permissions().mode();
+    for name in NAMES {
+        let output = out.path().join(name);
+        export(&test.store, &output, &ExportRequest { overwrite: true, ..Default::default() }, go_on).unwrap();
+        for path in crate::paths_of(&output).unwrap() {
+            assert_eq!(mode(&path), mode(if path.is_dir() { &folder } else { &plain }), "{name}");
+        }
+    }
+    assert_eq!(mode(&out.path().join("a/0000.png")), mode(&plain));
+}
+
+/// Existing files stay, without the word for it; folders, devices and foreign descriptions always.
+#[test]
+fn what_is_in_the_way_is_refused_and_stays() {
+    let test = TestStore::of(info());
+    for name in NAMES {
+        let out = tempfile::tempdir().unwrap();
+        let output = out.path().join(name);
+        for path in crate::paths_of(&output).unwrap() {
+            let overwriting = |overwrite| {
+                let request = ExportRequest { overwrite, ..ExportRequest::default() };
+                export(&test.store, &output, &request, go_on).map_err(|error| error.to_string())
+            };
+            std::fs::write(&path, "mine").unwrap();
+            let before = files(out.path());
+            let found = overwriting(false).unwrap_err();
+            assert!(found.contains("exists already") && found.contains("`overwrite`"), "{name}: {found}");
+            assert_eq!(files(out.path()), before);
+            if name != "a/" {
+                overwriting(true).unwrap();
+                crate::paths_of(&output).unwrap().iter().for_each(|path| std::fs::remove_file(path).unwrap());
+            } else {
+                std::fs::remove_file(&path).unwrap();
+            }
+            std::fs::create_dir(&path).unwrap();
+            assert!(overwriting(false).unwrap_err().contains("exists already"));
+            let found = overwriting(true).unwrap_err();
+            assert!(found.contains("never replaced"), "{name}: {found}");
+            assert_eq!(files(out.path()), [(path.components().collect(), Vec::new())]);
+            std::fs::remove_dir(&path).unwrap();
+            std::os::unix::fs::symlink("nowhere", &path).unwrap();
+            assert!(overwriting(false).unwrap_err().contains("exists already"), "{name}");
+            std::fs::remove_file(&path).unwrap();
+        }
+        let inside = test.store.path().join(name);
+        let error = export(&test.store, &inside, &ExportRequest::default(), go_on).unwrap_err();
+        assert!(error.to_string().contains("inside the store"), "{name}: {error}");
+    }
+    let out = tempfile::tempdir().unwrap();
+    std::fs::write(out.path().join("a.raw.json"), "{}").unwrap();
+    let error = export(&test.store, &out.path().join("a.mhd"), &ExportRequest::default(), go_on).unwrap_err();
+    assert!(error.to_string().contains("describes other voxels"), "{error}");
+}
+
+#[test]
+fn refusals_leave_nothing_behind() {
+    let test = TestStore::of(info());
+    for name in NAMES {
+        let out = tempfile::tempdir().unwrap();
+        let attempt = |name: &str, request: &ExportRequest| {
+            export(&test.store, &out.path().join(name), request, go_on).unwrap_err().to_string()
+        };
+        let request = ExportRequest::default();
+        let some =
+            |channels: &[u32]| ExportRequest { channels: ExportChannels::Several(channels.into()), ..request.clone() };
+        let at = |time| ExportRequest { time, ..request.clone() };
+        assert!(attempt("a.xyz", &request).contains(".npy, .raw or"));
+        assert!(attempt(name, &ExportRequest { level: Level(9), ..request.clone() }).contains("expected 0 to 3"));
+        assert!(attempt(name, &at(ExportTime::Step(1))).contains("time step 1"));
+        assert!(attempt(name, &some(&[1])).contains("channel 1"));
+        assert!(attempt(name, &some(&[0, 0])).contains("named twice"));
+        assert!(attempt(name, &some(&[])).contains("channel none"));
+        assert!(attempt(name, &at(ExportTime::Steps { first: 3, end: 3, stride: 1 })).contains("at least one"));
+        let region = Some(VoxelBox::new([0, 0, 0], [38, 1, 1]));
+        assert!(attempt(name, &ExportRequest { region, ..request.clone() }).contains("inside 0:37,0:20,0:19"));
+        assert!(attempt(&format!("no/{name}"), &request).contains("No such file"));
+        assert_eq!(files(out.path()), []);
+    }
+    std::fs::remove_file(test.store.path().join("0/c/1/1/1")).unwrap();
+    for name in NAMES {
+        let out = tempfile::tempdir().unwrap();
+        let error = export(&test.store, &out.path().join(name), &ExportRequest::default(), go_on).unwrap_err();
+        assert!(error.to_string().contains("missing shard"), "{name}: {error}");
+        assert_eq!(files(out.path()), []);
+    }
+}
+
+#[test]
+fn what_a_format_cannot_hold_is_refused_with_formats_that_can() {
+    let of = |voxel_type, channels, times| TestStore::of(SourceInfo { voxel_type, channels, times, ..info() });
+    let request = |store: &Store| ExportRequest {
+        channels: ExportChannels::All,
+        time: ExportTime::Steps { first: 0, end: store.times(), stride: 1 },
+        ..ExportRequest::default()
+    };
+    for (test, name, words) in [
+        (of(VoxelType::F32, 1, 1), "a/", "PNG holds u8 and u16, not f32: choose .tif"),
+        (of(VoxelType::I16, 1, 1), "a/", "not i16"),
+        (of(VoxelType::U8, 2, 1), "a/", "one channel, not 2: choose one with `channel`"),
+        (of(VoxelType::U8, 1, 3), "a/", "one time step, not 3: choose one with `time`"),
+        (of(VoxelType::U8, 2, 1), "a.mha", "MetaImage holds one channel"),
+        (of(VoxelType::U8, 2, 1), "a.mhd", "MetaImage holds one channel"),
+        (of(VoxelType::U8, 2, 2), "a.vti", "one time step, not 2"),
+        (of(VoxelType::U8, 1, 1), "a b.mhd", "without blanks"),
+    ] {
+        let out = tempfile::tempdir().unwrap();
+        let error = export(&test.store, &out.path().join(name), &request(&test.store), go_on).unwrap_err();
+        assert!(matches!(error, ExportError::Unfit { .. }) && error.to_string().contains(words), "{error}");
+        assert_eq!(files(out.path()), []);
+    }
+}
+
+#[test]
+fn raw_is_the_voxels_alone() {
+    let test = TestStore::of(SourceInfo { times: 2, channels: 2, ..info() });
+    let output = test.folder.path().join("out.raw");
+    let whole = AtomicBool::new(false);
+    for level in 0..test.store.pyramid().levels().len() {
+        let level = Level(level as u8);
+        let (time, channels, overwrite) = (ExportTime::Step(1), ExportChannels::One(1), true);
+        let request = ExportRequest { level, time, channels, overwrite, ..ExportRequest::default() };
+        let watch = |done, total| {
+            whole.store(done == total, Ordering::Relaxed);
+            ControlFlow::Continue(())
+        };
+        export(&test.store, &output, &request, watch).unwrap();
+        let region = test.store.pyramid().level(level).extent.full_box();
+        let mut expected = vec![0; region.extent().volume() as usize * 2];
+        test.store.read_box(1, 1, level, region, &mut expected).unwrap();
+        assert!(std::fs::read(&output).unwrap() == expected, "level {level}");
+    }
+    assert!(whole.into_inner());
+}
+
+/// Voxels of a box, steps slowest, then channels.
+fn expected(voxel_type: VoxelType, steps: &[u32], channels: &[u32], region: VoxelBox) -> Vec<u8> {
+    let volumes = steps.iter().flat_map(|t| channels.iter().map(move |c| (*t, *c)));
+    volumes.flat_map(|(t, c)| region.voxels().flat_map(move |at| bytes_of(voxel_type, value(t, c, at)))).collect()
+}
+
+#[test]
+fn npy_of_a_box_reads_back() {
+    let region = VoxelBox::new([3, 8, 2], [36, 17, 19]);
+    for voxel_type in VoxelType::ALL {
+        let test = TestStore::of(SourceInfo { voxel_type, ..info() });
+        let output = test.folder.path().join("out.npy");
+        export(&test.store, &output, &ExportRequest { region: Some(region), ..Default::default() }, go_on).unwrap();
+        let bytes = std::fs::read(&output).unwrap();
+        let header = u16::from_le_bytes([bytes[8], bytes[9]]) as usize + 10;
+        assert_eq!((header % 64, bytes[header - 1]), (0, b'\n'));
+        let text = std::str::from_utf8(&bytes[10..header]).unwrap();
+        assert!(text.contains("'shape': (17, 9, 33)"), "{text}");
+        assert!(bytes[header..] == expected(voxel_type, &[0], &[0], region), "{voxel_type}");
+    }
+}
+
+#[test]
+fn steps_and_channels_follow_one_another() {
+    let test = TestStore::of(SourceInfo { times: 6, channels: 3, ..info() });
+    let region = VoxelBox::new([3, 8, 2], [36, 17, 19]);
+    let steps = |first, end, stride| ExportTime::Steps { first, end, stride };
+    let of = |channels: &[u32]| ExportChannels::Several(channels.into());
+    for (time, steps, channels, numbers, shape) in [
+        (steps(1, 6, 2), &[1, 3, 5][..], ExportChannels::One(1), &[1][..], "(3, 17, 9, 33)"),
+        (steps(0, 6, 4), &[0, 4], of(&[2, 0]), &[2, 0], "(2, 2, 17, 9, 33)"),
+        (steps(2, 3, 1), &[2], ExportChannels::All, &[0, 1, 2], "(1, 3, 17, 9, 33)"),
+        (ExportTime::Step(2), &[2], of(&[1]), &[1], "(1, 17, 9, 33)"),
+    ] {
+        let request = ExportRequest { time, channels, region: Some(region), overwrite: true, ..Default::default() };
+        let expected = expected(VoxelType::U16, steps, numbers, region);
+        let [raw, npy] = ["out.raw", "out.npy"].map(|name| {
+            let whole = AtomicBool::new(false);
+            let watch = |done, total| {
+                whole.fetch_or(done == total && total == expected.len() as u64, Ordering::Relaxed);
+                ControlFlow::Continue(())
+            };
+            export(&test.store, &test.folder.path().join(name), &request, watch).unwrap();
+            assert!(whole.into_inner());
+            std::fs::read(test.folder.path().join(name)).unwrap()
+        });
+        assert!(raw == expected, "{steps:?}");
+        let header = u16::from_le_bytes([npy[8], npy[9]]) as usize + 10;
+        assert!(npy[header..] == expected, "{steps:?}");
+        let text = std::str::from_utf8(&npy[10..header]).unwrap();
+        assert!(text.contains(&format!("'shape': {shape}")), "{text}");
+    }
+}

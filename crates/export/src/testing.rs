@@ -1,0 +1,94 @@
+//! Small stores, and descriptions, for tests.
+
+use crate::volume::Volume;
+use brickyard_import::{ImportError, Source, SourceInfo};
+use brickyard_store::{Kind, PackOptions, Reductions, Store, pack};
+use brickyard_volume::{Extent, Geometry, Voxel, VoxelBox, VoxelType, with_voxel_type};
+use std::path::Path;
+use std::sync::Arc;
+
+/// A description of one plain volume.
+pub(crate) fn info() -> SourceInfo {
+    SourceInfo {
+        extent: Extent::new(37, 20, 19),
+        channels: 1,
+        times: 1,
+        time: None,
+        voxel_type: VoxelType::U16,
+        geometry: Geometry::default(),
+        calibrated: false,
+        says_origin: false,
+        turned: [false; 3],
+        flip: None,
+        kind: brickyard_import::SaidKind::Unsaid,
+        orientation: None,
+        channel_looks: Vec::new(),
+        nodata: None,
+        knows_nodata: false,
+        identity: "a function".into(),
+        notes: Vec::new(),
+    }
+}
+
+pub(crate) fn volume(info: &SourceInfo) -> Volume<'_> {
+    let (has_channel_axis, has_time_axis) = (false, false);
+    Volume { info, name: None, is_labels: false, has_channel_axis, has_time_axis, output: Path::new("out") }
+}
+
+/// The value of a voxel: another in every place, step and channel, within a byte.
+pub(crate) fn value(time: u32, channel: u32, [x, y, z]: [u32; 3]) -> f64 {
+    f64::from((x + 3 * y + 7 * z + 31 * time + 61 * channel) % 120)
+}
+
+/// Bytes of a value.
+pub(crate) fn bytes_of(voxel_type: VoxelType, value: f64) -> Vec<u8> {
+    with_voxel_type!(voxel_type, T => bytemuck::bytes_of(&T::from_f64_rounded(value)).to_vec())
+}
+
+/// Voxels of a function.
+pub(crate) struct Function<F> {
+    pub(crate) info: SourceInfo,
+    pub(crate) value: F,
+}
+
+impl<F: Fn(u32, u32, [u32; 3]) -> f64 + Send + Sync> Source for Function<F> {
+    fn info(&self) -> &SourceInfo {
+        &self.info
+    }
+
+    fn read_box(&self, time: u32, channel: u32, region: VoxelBox, out: &mut [u8]) -> Result<(), ImportError> {
+        let voxels = out.chunks_exact_mut(self.info.voxel_type.bytes());
+        for (voxel, at) in voxels.zip(region.voxels()) {
+            voxel.copy_from_slice(&bytes_of(self.info.voxel_type, (self.value)(time, channel, at)));
+        }
+        Ok(())
+    }
+}
+
+/// A store of bricks of 8 voxels along an edge.
+pub(crate) struct TestStore {
+    pub(crate) folder: tempfile::TempDir,
+    pub(crate) store: Arc<Store>,
+}
+
+impl TestStore {
+    /// Packs voxels of [`value`] under a description.
+    pub(crate) fn of(info: SourceInfo) -> Self {
+        Self::of_kind(info, Kind::Image)
+    }
+
+    pub(crate) fn of_kind(info: SourceInfo, kind: Kind) -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("s.zarr");
+        pack_at(&path, info, kind);
+        Self { store: Arc::new(Store::open(&path).unwrap()), folder }
+    }
+}
+
+/// Packs voxels of [`value`] into a store at a path.
+pub(crate) fn pack_at(path: &Path, info: SourceInfo, kind: Kind) {
+    let downsample = Reductions::default_for(kind);
+    let plain = PackOptions::new(info.voxel_type);
+    let options = PackOptions { edge: 8, shard_edge: 16, threads: 2, kind, downsample, ..plain };
+    pack(&Function { info, value }, path, &options, &()).unwrap();
+}
