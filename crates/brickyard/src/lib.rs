@@ -98,6 +98,7 @@ pub use session::{backend, channels, doubtful_extremes, first_look, frame_govern
 pub use window::{background, curve, following, opening, pick, preview, probe};
 
 pub use brickyard_export as export;
+pub use brickyard_extract as extract;
 pub use brickyard_import as import;
 pub use brickyard_pager as pager;
 #[cfg(feature = "reference")]

@@ -1,0 +1,84 @@
+//! Threads and kept bricks within a budget of memory. The worst block is counted, in which every edge is crossed.
+
+use crate::error::MeshError;
+use crate::format::BUFFER_BYTES;
+use crate::patch::PatchVertex;
+use crate::request::{MeshRequest, MeshSurface};
+use crate::smoothing::reach_cells;
+use brickyard_store::Store;
+
+/// The program, its stacks and its allocator.
+const PROGRAM_BYTES: u64 = 24 << 20;
+
+/// Blocks whose patches wait to be written, for each thread.
+pub(crate) const PATCHES_PER_THREAD: usize = 2;
+
+/// Voxels along the edge of a block and its borders, without smoothing.
+const BLOCK_POINTS: u64 = 34;
+
+/// A label and its box, as found and as a target.
+const LABEL_BYTES: u64 = 256;
+
+/// Shares of the memory.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Budget {
+    pub(crate) threads: usize,
+    pub(crate) bricks: usize,
+}
+
+impl Budget {
+    /// As many threads as the memory allows, then bricks.
+    ///
+    /// # Errors
+    /// If the memory is too little for one thread.
+    pub(crate) fn of(store: &Store, request: &MeshRequest) -> Result<Self, MeshError> {
+        let core = store.core_bytes() as u64;
+        let labels = match request.surface {
+            MeshSurface::Labels => LABEL_BYTES * crate::request::MOST_LABELS as u64,
+            _ => 0,
+        };
+        let fixed = PROGRAM_BYTES + store.cache_bytes() + labels + 4 * BUFFER_BYTES as u64;
+        // A brick being decoded: encoded, shuffled and decoded; and one that others keep from being dropped.
+        let thread = working_bytes(store, request) + PATCHES_PER_THREAD as u64 * patch_bytes(request) + 4 * core;
+        let least = fixed + thread + core;
+        if request.memory_bytes < least {
+            return Err(MeshError::Memory { needed_bytes: least, given_bytes: request.memory_bytes });
+        }
+        let room = request.memory_bytes - fixed;
+        let threads = (rayon::current_num_threads() as u64).min((room - core) / thread).max(1);
+        let bricks = (room - threads * thread) / core;
+        Ok(Self { threads: threads as usize, bricks: bricks as usize })
+    }
+}
+
+/// A vector that grows takes up to twice its length.
+const GROWTH: u64 = 2;
+
+/// Bytes of a block's patch.
+fn patch_bytes(request: &MeshRequest) -> u64 {
+    let points = BLOCK_POINTS.pow(3);
+    // Vertices and triangles of a voxel, at most.
+    let (vertices, triangles) = match request.surface {
+        MeshSurface::Isosurface(_) => (3, 5),
+        MeshSurface::Label(_) | MeshSurface::Labels => (4, 12),
+    };
+    GROWTH * points * (vertices * size_of::<PatchVertex>() as u64 + 12 * triangles)
+}
+
+/// Bytes of a thread at work on a block.
+fn working_bytes(store: &Store, request: &MeshRequest) -> u64 {
+    let voxel_bytes = store.voxel_type().bytes() as u64;
+    match request.surface {
+        MeshSurface::Isosurface(_) => {
+            let points = (BLOCK_POINTS + 2 * reach_cells(request.smoothing) as u64).pow(3);
+            // Values, numbers of vertices; places, classes and sums of vertices, and triangles.
+            points * (voxel_bytes + 12 + GROWTH * (3 * (24 + 8 + 32) + 5 * 12 + 5 * 4))
+        }
+        MeshSurface::Label(_) | MeshSurface::Labels => {
+            let points = (BLOCK_POINTS + 2 * u64::from(request.smoothing)).pow(3);
+            let moved = if request.smoothing > 0 { 4 + GROWTH * (3 * 24 + 24 + 32) } else { 0 };
+            // Values, labels, numbers of vertices, and their places.
+            points * (voxel_bytes + 8 + 16 + moved)
+        }
+    }
+}

@@ -1,0 +1,23 @@
+//! A block's part of a mesh.
+
+use crate::numbering::{Class, Ranks};
+use glam::DVec3;
+
+/// A vertex of a patch: the block's own, or one of a predecessor.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct PatchVertex {
+    /// Place in the world.
+    pub(crate) place: DVec3,
+    pub(crate) class: Class,
+    /// Rank among the vertices of its class.
+    pub(crate) rank: u32,
+}
+
+/// A block's vertices and triangles, of outward orientation.
+#[derive(Debug, Default)]
+pub(crate) struct Patch {
+    pub(crate) vertices: Vec<PatchVertex>,
+    pub(crate) ranks: Ranks,
+    /// Places among the vertices.
+    pub(crate) triangles: Vec<[u32; 3]>,
+}
