@@ -15,6 +15,7 @@ mod embedding;
 mod exact;
 mod examples;
 mod exports;
+mod extracting;
 mod extremes;
 mod faults;
 mod first_look;

@@ -199,7 +199,7 @@ impl ChannelArguments {
             Ok(())
         })?;
         each(&self.show_labels, "--show-labels", Suits::Labels, scene, volumes, |layer, labels, volume| {
-            check_labels(labels, volume, layer.channel)?;
+            check_labels("--show-labels", labels, volume, layer.channel)?;
             layer.show_labels = Some(labels.clone());
             Ok(())
         })
@@ -224,7 +224,10 @@ pub(super) fn layers_of_kind(scene: &Scene, volumes: &[VolumeSource], is_labels:
 }
 
 /// Checks whether a channel may have these labels, by its range and its counts by value.
-fn check_labels(labels: &[i64], volume: &VolumeSource, channel: u32) -> Result<(), Failure> {
+///
+/// # Errors
+/// Exit code 2, naming near labels, for the first that the channel cannot have.
+pub(super) fn check_labels(flag: &str, labels: &[i64], volume: &VolumeSource, channel: u32) -> Result<(), Failure> {
     let Some(store) = volume.store().filter(|_| volume.source.is_labels()) else { return Ok(()) };
     let Some(label) = labels.iter().find(|&&label| !store.may_have_label(channel, label)) else { return Ok(()) };
     let (low, high) = volume.source.channel_range(channel);
@@ -237,7 +240,7 @@ fn check_labels(labels: &[i64], volume: &VolumeSource, channel: u32) -> Result<(
         (Some(a), None) | (None, Some(a)) => format!(", did you mean {a}?"),
         (None, None) => String::new(),
     };
-    Err(Failure::usage(format!("--show-labels: no label {label}{near}: the store has labels from {low} to {high}")))
+    Err(Failure::usage(format!("{flag}: no label {label}{near}: the store has labels from {low} to {high}")))
 }
 
 /// Distance within which existing labels are suggested for a missing one.

@@ -53,6 +53,12 @@ Examples:
   brickyard export scan.zarr coarse.npy --level 2
   brickyard export cells.zarr cells.tif --channel all --time all";
 
+pub(crate) const MESH: &str = "\
+Examples:
+  brickyard mesh ct.zarr skull.stl --isovalue 300
+  brickyard mesh ct.zarr skull.ply --isovalue 300 --smooth 5 --level 1
+  brickyard mesh cells.zarr cells.glb --label all --smooth 10";
+
 #[cfg(feature = "viewer")]
 pub(crate) const VIEW: &str = "\
 Examples:
@@ -105,7 +111,23 @@ mod tests {
 
     #[test]
     fn examples_are_commands_that_there_are() {
-        let all = [PACK, APPEND, EDIT, INFO, PROBE, VERIFY, EXPORT, RENDER, SYNTH, BENCH, QUALITY, DOCTOR, COMPLETIONS, MAN];
+        let all = [
+            PACK,
+            APPEND,
+            EDIT,
+            INFO,
+            PROBE,
+            VERIFY,
+            EXPORT,
+            MESH,
+            RENDER,
+            SYNTH,
+            BENCH,
+            QUALITY,
+            DOCTOR,
+            COMPLETIONS,
+            MAN,
+        ];
         #[cfg(feature = "viewer")]
         let all = [&all[..], &[VIEW]].concat();
         for line in all.iter().flat_map(|text| text.lines()).filter(|line| line.starts_with("  brickyard ")) {

@@ -23,6 +23,7 @@ mod info;
 mod input_args;
 mod interrupt;
 mod man;
+mod mesh;
 mod named;
 mod output;
 mod pack;
@@ -101,6 +102,9 @@ enum Command {
     /// Write a level, or a box of it, to .raw or .npy
     #[command(after_help = examples::EXPORT)]
     Export(export::ExportArguments),
+    /// Write an isosurface, or the borders of labels, to .stl, .ply, .obj or .glb
+    #[command(after_help = examples::MESH)]
+    Mesh(mesh::MeshArguments),
     /// Open a window on a store
     #[cfg(feature = "viewer")]
     #[command(after_help = examples::VIEW)]
@@ -183,6 +187,7 @@ fn run(command: Command, matches: &ArgMatches) -> Result<(), Failure> {
         Command::Probe(arguments) => probe::run(&arguments),
         Command::Verify(arguments) => verify::run(*arguments),
         Command::Export(arguments) => export::run(&arguments),
+        Command::Mesh(arguments) => mesh::run(&arguments),
         #[cfg(feature = "viewer")]
         Command::View(arguments) => view::run(*arguments, matches.subcommand_matches("view")),
         Command::Render(arguments) => render::run(*arguments),

@@ -11,6 +11,7 @@ use brickyard::volume::numbers::significant;
 use brickyard::volume::transfer::shown_window;
 use brickyard::volume::units::with_unit;
 use serde::Serialize;
+use std::ffi::OsStr;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -61,6 +62,21 @@ pub(crate) fn may_write_array(path: &Path, overwrite: bool) -> Result<(), Failur
     }
     let files = paths_of(path).ok_or_else(|| Failure::usage(ExportError::Extension { path: path.into() }))?;
     files.iter().try_for_each(|file| may_write_file(file, overwrite))
+}
+
+/// Checks whether a mesh may be written here: as [`may_write`], and it is a file of a supported type, in an existing
+/// folder.
+///
+/// # Errors
+/// Exit code 2 if not.
+pub(crate) fn may_write_mesh(path: &Path, overwrite: bool) -> Result<(), Failure> {
+    let is_known =
+        |found: &OsStr| ["stl", "ply", "obj", "glb"].iter().any(|extension| found.eq_ignore_ascii_case(extension));
+    if !path.extension().is_some_and(is_known) {
+        let advice = "meshes are written as .stl, .ply, .obj or .glb: choose a name ending in one of these";
+        return Err(Failure::usage(format!("{}: {advice}", path.display())));
+    }
+    may_write_file(path, overwrite)
 }
 
 /// Checks whether a file may be written here: as [`may_write`], in an existing folder.

@@ -2,6 +2,7 @@
 
 use super::failure::{ExitKind, Failure};
 use brickyard::export::ExportError;
+use brickyard::extract::MeshError;
 use brickyard::import::{ImportError, is_of_process, limit_behind};
 use brickyard::session::VolumeSource;
 use brickyard::store::{AppendError, EditError, OpenError, PackError, ReadError, RepairError, Store, VerifyError};
@@ -164,6 +165,18 @@ pub(crate) fn export_failure(error: ExportError) -> Failure {
         ExportError::Io { .. } | ExportError::Threads(_) => ExitKind::Failed,
         // Only Ctrl-C cancels.
         ExportError::Cancelled { .. } => ExitKind::Interrupted,
+        _ => ExitKind::Usage,
+    };
+    Failure::new(kind, error)
+}
+
+pub(crate) fn mesh_failure(error: MeshError) -> Failure {
+    let kind = match &error {
+        MeshError::Read(error) => return read_failure(error),
+        MeshError::Contradiction => ExitKind::BadInput,
+        MeshError::Io { .. } | MeshError::Threads(_) => ExitKind::Failed,
+        // Only Ctrl-C cancels.
+        MeshError::Cancelled { .. } => ExitKind::Interrupted,
         _ => ExitKind::Usage,
     };
     Failure::new(kind, error)

@@ -1,0 +1,155 @@
+//! `brickyard mesh`: an isosurface, or the borders of labels, to a file of triangles.
+
+use super::channel_args::check_labels;
+use super::interrupt::Interrupt;
+use super::output::may_write_mesh;
+use super::progress::{Progress, ProgressStyleArgument};
+use super::say::say;
+use super::{Failure, heading, print_json, store_errors, values};
+use brickyard::extract::{self, MeshReport, MeshRequest, MeshSurface};
+use brickyard::session::VolumeSource;
+use brickyard::volume::numbers::significant;
+use brickyard::volume::{Level, VoxelBox, counted};
+use clap::Args;
+use serde::Serialize;
+use std::path::PathBuf;
+use std::str::FromStr;
+use std::sync::Arc;
+
+/// `brickyard mesh STORE OUT --isovalue V | --label N`
+#[derive(Args)]
+pub(crate) struct MeshArguments {
+    /// The store
+    store: PathBuf,
+    /// The output: .stl, .ply, .obj or .glb
+    output: PathBuf,
+    /// The border of all values of at least this
+    #[arg(help_heading = heading::READ, long, value_name = "VALUE", allow_hyphen_values = true, required_unless_present = "label", conflicts_with = "label")]
+    isovalue: Option<f64>,
+    /// The border of one label; or of all but the background, an object for each (.obj, .glb)
+    #[arg(help_heading = heading::READ, long, value_name = "N|all", allow_hyphen_values = true)]
+    label: Option<LabelChoice>,
+    /// Iterations of smoothing, up to 20. Isosurfaces keep their volume; borders of labels stay within half a voxel, and
+    /// those of neighbours stay the same
+    #[arg(help_heading = heading::READ, long, value_name = "N", default_value_t = 0)]
+    smooth: u32,
+    /// Level; 0 is the finest
+    #[arg(help_heading = heading::READ, long, default_value_t = 0)]
+    level: u8,
+    /// Box in voxels of that level, ends excluded; the surface is closed at its sides [default: the whole level]
+    #[arg(help_heading = heading::READ, long, value_name = "x0:x1,y0:y1,z0:z1", value_parser = values::voxel_box)]
+    roi: Option<VoxelBox>,
+    /// Time step
+    #[arg(help_heading = heading::READ, long, default_value_t = 0)]
+    time: u32,
+    /// Channel
+    #[arg(help_heading = heading::READ, long, default_value_t = 0)]
+    channel: u32,
+    /// Limit of the process's own memory
+    #[arg(help_heading = heading::WORK, long, value_name = "BYTES", default_value = "1GiB", value_parser = values::bytes)]
+    memory: u64,
+    /// Replace an existing file
+    #[arg(help_heading = heading::OUTPUT, long)]
+    overwrite: bool,
+    /// Print counts, areas and volumes as JSON
+    #[arg(help_heading = heading::OUTPUT, long)]
+    json: bool,
+    /// How to show progress
+    #[arg(help_heading = heading::WORK, long, value_enum, default_value_t)]
+    progress: ProgressStyleArgument,
+}
+
+/// The labels to extract.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum LabelChoice {
+    One(i64),
+    All,
+}
+
+impl FromStr for LabelChoice {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let one = |_| format!("'{text}': expected a label, a whole number, or all");
+        if text == "all" { Ok(Self::All) } else { text.parse().map(Self::One).map_err(one) }
+    }
+}
+
+/// The output of `mesh --json`.
+#[derive(Serialize)]
+struct Written<'a> {
+    /// Unit of lengths; areas and volumes are in its powers.
+    unit: Option<&'a str>,
+    objects: Vec<Object>,
+}
+
+#[derive(Serialize)]
+struct Object {
+    #[serde(skip_serializing_if = "Option::is_none")]
+    label: Option<i64>,
+    vertices: u64,
+    triangles: u64,
+    area: f64,
+    volume: f64,
+}
+
+/// Runs `mesh`.
+///
+/// # Errors
+/// With the message and exit code for the user.
+pub(crate) fn run(arguments: &MeshArguments) -> Result<(), Failure> {
+    may_write_mesh(&arguments.output, arguments.overwrite)?;
+    let store = Arc::new(store_errors::open(&arguments.store)?);
+    let surface = match (arguments.isovalue, arguments.label) {
+        (_, Some(LabelChoice::All)) => MeshSurface::Labels,
+        (_, Some(LabelChoice::One(label))) => MeshSurface::Label(label),
+        (Some(value), None) => MeshSurface::Isosurface(value),
+        (None, None) => return Err(Failure::usage("no surface: give --isovalue or --label")),
+    };
+    if let MeshSurface::Label(label) = surface
+        && arguments.channel < store.channels()
+    {
+        check_labels("--label", &[label], &VolumeSource::of_store(&store), arguments.channel)?;
+    }
+    let request = MeshRequest {
+        surface,
+        level: Level(arguments.level),
+        time: arguments.time,
+        channel: arguments.channel,
+        region: arguments.roi,
+        smoothing: arguments.smooth,
+        overwrite: arguments.overwrite,
+        memory_bytes: arguments.memory,
+    };
+    let interrupt = Interrupt::watch()?;
+    let progress = Progress::new(arguments.progress, "mesh");
+    let written = extract::mesh(&store, &arguments.output, &request, |done, total| {
+        progress.set(done, total);
+        interrupt.flow()
+    });
+    progress.finish();
+    let MeshReport { objects } = written.map_err(store_errors::mesh_failure)?;
+    let unit = match store.info().orientation {
+        Some(_) => Some("millimeter"),
+        None => store.geometry().unit.as_deref(),
+    };
+    if arguments.json {
+        let object = |object: &extract::MeshObject| {
+            let extract::MeshObject { label, vertices, triangles, area, volume } = *object;
+            Object { label, vertices, triangles, area, volume }
+        };
+        return print_json(&Written { unit, objects: objects.iter().map(object).collect() });
+    }
+    let sum = |of: fn(&extract::MeshObject) -> u64| objects.iter().map(of).sum::<u64>();
+    let (vertices, triangles) = (sum(|object| object.vertices), counted(sum(|object| object.triangles), "triangle"));
+    let rest = match &objects[..] {
+        [one] => {
+            let [area, volume] = [one.area, one.volume].map(|value| significant(value, 6));
+            let unit = |power: &str| unit.map_or_else(String::new, |unit| format!(" {unit}{power}"));
+            format!("area {area}{}, volume {volume}{}", unit("²"), unit("³"))
+        }
+        several => counted(several.len() as u64, "object"),
+    };
+    say!("{}: {triangles}, {vertices} vertices, {rest}", arguments.output.display());
+    Ok(())
+}
