@@ -16,6 +16,11 @@ fn channels_are_shown_in_their_own_colours_windows_and_names() {
 }
 
 #[test]
+fn labels_in_an_image_are_found_by_zarr_python() {
+    Sandbox::default().python("image_labels.py");
+}
+
+#[test]
 fn slices_of_scans_in_any_orientation_are_those_that_simpleitk_resamples() {
     Sandbox::default().python("orientation.py");
 }

@@ -1,11 +1,13 @@
 //! `brickyard edit`: new metadata for a finished store, without its voxels.
 
-use super::pack_settings::KINDS;
+use super::interrupt::Interrupt;
+use super::pack_settings::{KINDS, PackingLimits};
+use super::progress::Progress;
 use super::say::say;
 use super::volume_args::placement;
 use super::{Failure, channel_args, heading, print_json, print_line, store_errors, values};
 use brickyard::import::ChannelChoice;
-use brickyard::store::{self, ChannelEdit, Edit, Kind};
+use brickyard::store::{self, AppendOptions, ChannelEdit, Edit, Kind};
 use brickyard::volume::Orientation;
 use clap::Args;
 use glam::DVec3;
@@ -47,7 +49,7 @@ pub(crate) struct EditArguments {
     /// Name of the volume in the store's OME-Zarr metadata [default: the store's]
     #[arg(help_heading = heading::STORE, long, value_name = "NAME")]
     name: Option<String>,
-    /// Meaning of the voxels; labels only where coarser levels are no means [default: the store's]
+    /// Meaning of the voxels; for labels, coarser levels that are means are made again, by mode [default: the store's]
     #[arg(help_heading = heading::STORE, long, value_parser = KINDS)]
     kind: Option<Kind>,
     /// Name of a channel, chosen by number from 0 or by its name so far [default: the store's]
@@ -56,6 +58,8 @@ pub(crate) struct EditArguments {
     /// Color of a channel, or of all: a name, RRGGBB, or R:G:B in 0..1 [default: the store's]
     #[arg(help_heading = heading::STORE, long, value_name = "[CHANNEL=]COLOR", value_parser = channel_color)]
     channel_color: Vec<ChannelEdit>,
+    #[command(flatten)]
+    limits: PackingLimits,
     /// Make all checks, print the changes, and change nothing
     #[arg(help_heading = heading::OUTPUT, long)]
     dry_run: bool,
@@ -90,12 +94,22 @@ fn choice(text: &str) -> Result<ChannelChoice, String> {
 /// With the message and exit code for the user.
 pub(crate) fn run(arguments: EditArguments) -> Result<(), Failure> {
     let EditArguments { store, dry_run, json, .. } = &arguments;
-    let (store, is_dry, json) = (store.clone(), *dry_run, *json);
+    let (store, is_dry, json, limits) = (store.clone(), *dry_run, *json, arguments.limits);
     let edit = arguments.edit()?;
     if edit == Edit::default() {
         return Err(Failure::usage("expected a value to set, as in --spacing 0.5,0.5,2 --unit um"));
     }
-    let edited = if is_dry { store::rehearse_edit(&store, &edit) } else { store::edit(&store, &edit) };
+    let edited = match is_dry {
+        true => store::rehearse_edit(&store, &edit),
+        false => {
+            let watcher =
+                Watcher { progress: Progress::new(limits.progress, "levels"), interrupt: Interrupt::watch()? };
+            let AppendOptions { memory_bytes, threads } = limits.of_append();
+            let edited = store::edit_within(&store, &edit, memory_bytes, threads, &watcher);
+            watcher.progress.finish();
+            edited
+        }
+    };
     let report = edited.map_err(store_errors::edit_failure)?;
     if json {
         let change = |change: &store::EditChange| {
@@ -115,6 +129,22 @@ pub(crate) fn run(arguments: EditArguments) -> Result<(), Failure> {
         say!("note: {} is unchanged (--dry-run)", store.display());
     }
     Ok(())
+}
+
+/// Shows the progress of making levels.
+struct Watcher {
+    progress: Progress,
+    interrupt: Interrupt,
+}
+
+impl store::Progress for Watcher {
+    fn advanced(&self, done: u64, total: u64) {
+        self.progress.set(done, total);
+    }
+
+    fn is_cancelled(&self) -> bool {
+        self.interrupt.is_asked()
+    }
 }
 
 impl EditArguments {

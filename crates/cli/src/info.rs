@@ -1,5 +1,6 @@
 //! `brickyard info`: the contents of a store.
 
+use super::say::say;
 use super::values::{self, short};
 use super::{Failure, heading, print_json, print_line, store_errors};
 use brickyard::store::{ChannelDisplay, Kind, ReadError, Store};
@@ -43,6 +44,9 @@ struct Info<'a> {
     apron_bytes: u64,
     /// The display of each channel.
     displays: &'a [ChannelDisplay],
+    /// Names of the image's labels, stores in its folder `labels`.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    labels: Vec<String>,
     store: &'a brickyard::store::StoreInfo,
 }
 
@@ -97,6 +101,10 @@ fn describe<'a>(path: &'a std::path::Path, store: &'a Store) -> Result<Info<'a>,
         levels: store.pyramid().levels().iter().map(level).collect(),
         apron_bytes: store.apron_file_bytes()?,
         displays: store.channel_displays(),
+        labels: store.label_names().unwrap_or_else(|error| {
+            say!("warning: {error}; its labels are not shown");
+            Vec::new()
+        }),
         store: store.info(),
     })
 }
@@ -151,6 +159,9 @@ fn text(info: &Info<'_>, store: &Store) -> String {
     if let Some(second) = info.store.downsample.second() {
         let (main, second) = (info.store.downsample.main().name(), second.name());
         lines.push(format!("  levels 1 and up twice: by {main}, and by {second} (K/.brickyard/{second})"));
+    }
+    if !info.labels.is_empty() {
+        lines.push(format!("  labels, in labels/: {}", info.labels.join(", ")));
     }
     lines.join("\n")
 }

@@ -92,6 +92,7 @@ fn pack_kind(error: &PackError) -> ExitKind {
         | PackError::Memory { .. }
         | PackError::Exists { .. }
         | PackError::Inside(_)
+        | PackError::Labels { .. }
         | PackError::NotOurs { .. }
         | PackError::Foreign { .. }
         | PackError::InTheWay { .. }
@@ -134,8 +135,9 @@ pub(crate) fn edit_failure(error: EditError) -> Failure {
         EditError::Pack(PackError::Unfit { .. }) | EditError::Nothing { .. } => ExitKind::Usage,
         EditError::Pack(error) => pack_kind(error),
         EditError::Unfinished { .. } => ExitKind::Incomplete,
-        EditError::Altered { .. } => ExitKind::VerificationFailed,
-        EditError::Unchanged { .. } | EditError::Unsynced { .. } => ExitKind::Failed,
+        EditError::Altered { .. } | EditError::Levels { .. } => ExitKind::VerificationFailed,
+        EditError::Cancelled { .. } => ExitKind::Interrupted,
+        EditError::Unchanged { .. } | EditError::Unsynced { .. } | EditError::Unlisted { .. } => ExitKind::Failed,
     };
     Failure::new(kind, error)
 }

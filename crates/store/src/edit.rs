@@ -6,30 +6,36 @@
 //! edits of other looks, stay. Factors between levels stay, too, whatever the spacing.
 //!
 //! The document is replaced in one step, under the store's lock. An edit reads and writes nothing else, so it costs the
-//! same at any size.
+//! same at any size. Except for an image made labels, whose coarser levels are means: these are made again
+//! (`edit/levels.rs`).
+//!
+//! A store edited to labels in an image's folder of labels is listed there, as by packing.
 
 mod description;
 mod error;
+mod levels;
 #[cfg(test)]
 mod tests;
 
 pub use error::EditError;
 
-use crate::append::stale_groups;
+use crate::append::{AppendOptions, stale_groups};
 use crate::folder::Folder;
 use crate::held::{Held, find_finished};
 use crate::json::parse_json;
 use crate::kind::Kind;
 use crate::metadata::{document_bytes, root_document};
 use crate::pack::disk::{Disk, DiskError, temporary};
-use crate::pack::{PackError, lock, ours};
+use crate::pack::image_labels::{ImageLabels, TO_IMAGE};
+use crate::pack::{PackError, Progress, lock, ours};
 use crate::shard_file::IoMode;
 use crate::store::{Store, open_folder};
 use crate::verify::documents::root_change;
-use brickyard_import::ChannelChoice;
+use brickyard_import::{ChannelChoice, SourceInfo};
 use brickyard_volume::Orientation;
 use description::Description;
 use glam::DVec3;
+use levels::Work;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -56,7 +62,7 @@ pub struct Edit {
     pub time_stamps: Option<PathBuf>,
     /// Name of the volume.
     pub name: Option<String>,
-    /// Meaning of the values. Means of labels are no labels, so levels made so stay an image's.
+    /// Meaning of the values. Means of labels are no labels, so levels made so are made again, by the mode.
     pub kind: Option<Kind>,
     /// New looks of channels.
     pub channels: Vec<ChannelEdit>,
@@ -108,13 +114,34 @@ pub struct EditReport {
     pub stale_groups: Vec<PathBuf>,
 }
 
-/// Edits a store's metadata, durably.
+/// Edits a store's metadata, durably. An image made labels, whose coarser levels are means, is given new ones within
+/// 2 GiB of memory, by all processors.
 ///
 /// # Errors
 /// If the store is missing, unfinished, in use by another writer or not writable, an edit does not fit it, nothing
-/// would change, or the disk fails. Except for [`EditError::Unsynced`], the store is then unchanged.
+/// would change, or the disk fails. Except for [`EditError::Unsynced`] and [`EditError::Unlisted`], the store is then
+/// unchanged.
 pub fn edit(store: &Path, edit: &Edit) -> Result<EditReport, EditError> {
-    edit_on(&Disk::default(), store, edit)
+    edit_on(&Disk::default(), store, edit, &usual_work())
+}
+
+/// Like [`edit`], with levels made within `memory_bytes`, on `threads` threads. `progress` observes and may cancel that.
+///
+/// # Errors
+/// As for [`edit`], or if the memory is too little, or `progress` cancels.
+pub fn edit_within(
+    store: &Path,
+    edit: &Edit,
+    memory_bytes: u64,
+    threads: usize,
+    progress: &dyn Progress,
+) -> Result<EditReport, EditError> {
+    edit_on(&Disk::default(), store, edit, &Work { memory_bytes, threads, progress })
+}
+
+fn usual_work() -> Work<'static> {
+    let AppendOptions { memory_bytes, threads } = AppendOptions::default();
+    Work { memory_bytes, threads, progress: &() }
 }
 
 /// Makes all checks of [`edit`], and changes nothing.
@@ -126,15 +153,24 @@ pub fn rehearse_edit(store: &Path, edit: &Edit) -> Result<EditReport, EditError>
     if let Some(holder) = lock::holder_of(&dir) {
         return Err(PackError::Busy { store: dir, holder: Some(holder) }.into());
     }
-    Store::open(&dir)?;
+    if makes_levels(&Store::open(&dir)?, edit) {
+        return levels::rehearse(&dir, edit, &usual_work());
+    }
     let edited = Edited::of(&Arc::new(open_folder(&dir)?), edit)?;
     Ok(edited.report(&dir))
 }
 
-fn edit_on(disk: &Disk, store: &Path, edit: &Edit) -> Result<EditReport, EditError> {
+/// Whether an edit is to labels of a store whose coarser levels mix them.
+fn makes_levels(store: &Store, edit: &Edit) -> bool {
+    edit.kind == Some(Kind::Labels) && levels::are_mixed(store)
+}
+
+fn edit_on(disk: &Disk, store: &Path, edit: &Edit, work: &Work) -> Result<EditReport, EditError> {
     let dir = find_finished(disk, store)?;
     // A lock would make the folder of a store that is missing.
-    Store::open(&dir)?;
+    if makes_levels(&Store::open(&dir)?, edit) {
+        return levels::remake(disk, &dir, edit, work);
+    }
     let held = Held::take(disk, &dir)?;
     let path = dir.join("zarr.json");
     let unchanged = |DiskError { path, error }: DiskError| EditError::Unchanged { path, error, store: dir.clone() };
@@ -150,12 +186,20 @@ fn edit_on(disk: &Disk, store: &Path, edit: &Edit) -> Result<EditReport, EditErr
         unchanged(error)
     })?;
     disk.sync_dir(&dir).map_err(|DiskError { error, .. }| EditError::Unsynced { store: dir.clone(), error })?;
+    if let Some(labels) = &edited.labels {
+        let unlisted = |error| EditError::Unlisted { store: dir.clone(), error: Box::new(error) };
+        labels.list(disk).map_err(unlisted)?;
+    }
     Ok(edited.report(&dir))
 }
 
 /// A root document with its edits.
 struct Edited {
     root: Value,
+    /// The place among an image's labels, to be listed there.
+    labels: Option<ImageLabels>,
+    /// The store's volume.
+    info: SourceInfo,
     changes: Vec<EditChange>,
 }
 
@@ -172,7 +216,20 @@ impl Edited {
         }
         let former = Description::of(&store);
         let new = former.edited(edit, &store)?;
-        let changes = former.changes_to(&new);
+        let mut changes = former.changes_to(&new);
+        let labels = ImageLabels::around(folder.path()).map_err(PackError::from)?;
+        let labels = labels.filter(|_| edit.kind.is_some());
+        if let (Some(kind), Some(labels)) = (edit.kind, &labels) {
+            labels.check(kind)?;
+            if !labels.is_listed()? {
+                let field = format!("listed in {}/labels", labels.image().display());
+                changes.push(EditChange { field, old: json!(false), new: json!(true) });
+            }
+            if !has_image(&root) {
+                let field = "image-label source".into();
+                changes.push(EditChange { field, old: Value::Null, new: json!(TO_IMAGE) });
+            }
+        }
         if changes.is_empty() {
             return Err(EditError::Nothing { store: folder.path().into() });
         }
@@ -181,16 +238,24 @@ impl Edited {
         let new_document = root_document(store.layout(), &new.info.geometry, &info);
         take_changes(&old_document, &new_document, &mut root);
         set_looks(&former, &new, &new_document, &mut root);
+        if labels.is_some() && !has_image(&root) {
+            root["attributes"]["ome"]["image-label"]["source"] = json!({ "image": TO_IMAGE });
+        }
         let text = document_bytes(&root);
         match root_change(&open(&text)?, root.clone()) {
             Some(change) => Err(EditError::Altered { path, change }),
-            None => Ok(Self { root, changes }),
+            None => Ok(Self { root, labels, info: new.info, changes }),
         }
     }
 
     fn report(self, store: &Path) -> EditReport {
         EditReport { changes: self.changes, stale_groups: stale_groups(store) }
     }
+}
+
+/// Whether the metadata of labels name their image.
+fn has_image(root: &Value) -> bool {
+    root.pointer("/attributes/ome/image-label/source/image").is_some()
 }
 
 /// Makes the changes from `old` to `new` in `found`, whatever it holds there. All else stays.
@@ -203,6 +268,10 @@ fn take_changes(old: &Value, new: &Value, found: &mut Value) {
                 match (old.get(key), found.get_mut(key)) {
                     (Some(old), _) if old == new => {}
                     (Some(old), Some(found)) => take_changes(old, new, found),
+                    // Another program has made it first.
+                    (None, Some(found)) if new.is_object() && found.is_object() => {
+                        take_changes(&json!({}), new, found);
+                    }
                     _ => drop(found.insert(key.clone(), new.clone())),
                 }
             }

@@ -43,10 +43,11 @@ pub(crate) struct Held {
     _lock: DirLock,
 }
 
-/// The directory of a store without an unfinished pack, also beside it.
+/// The directory of a store without an unfinished pack, also beside it. Ends a stopped edit of levels.
 pub(crate) fn find_finished(disk: &Disk, store: &Path) -> Result<PathBuf, HoldError> {
     let dir = output::resolve(store)?;
     disk.work_at(&dir);
+    output::end_edit(disk, &dir)?;
     if let Some(unfinished) = unfinished(&dir)? {
         // Report an active packer as such.
         let _free = DirLock::take(disk, &dir)?;

@@ -29,7 +29,7 @@ pub fn check_outside(path: &Path) -> Result<(), InsideStore> {
 }
 
 /// Resolves links and `..` in a path that may not exist yet.
-fn located(path: &Path) -> PathBuf {
+pub(crate) fn located(path: &Path) -> PathBuf {
     let Some(name) = path.file_name() else { return path.canonicalize().unwrap_or_else(|_| path.into()) };
     let folder = named(path.parent().unwrap_or(Path::new("")));
     match folder.canonicalize() {

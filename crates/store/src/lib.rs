@@ -44,7 +44,7 @@ mod version;
 pub use append::{AppendError, AppendOptions, AppendReport, Appender};
 pub use codec::{BrickCodec, Codec};
 pub use downsample::{Downsample, Reductions};
-pub use edit::{ChannelEdit, Edit, EditChange, EditError, EditReport, edit, rehearse_edit};
+pub use edit::{ChannelEdit, Edit, EditChange, EditError, EditReport, edit, edit_within, rehearse_edit};
 pub use error::{CodecError, InsideStore, OpenError, ReadError, ShardError};
 pub use inside::check_outside;
 pub use layout::{Layout, ShardId};

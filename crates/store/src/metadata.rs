@@ -210,6 +210,9 @@ pub struct StoreInfo {
     pub downsample: Reductions,
     /// The meaning of the store's values.
     pub kind: Kind,
+    /// Whether `attributes.ome` says so of labels (`image-label`); older stores of labels do not.
+    #[serde(default, skip_serializing_if = "is_default")]
+    pub image_label: bool,
     /// The integer for no data; `None` if undefined. Floats use NaN instead.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub nodata: Option<i64>,

@@ -22,6 +22,7 @@ pub(crate) mod brick;
 pub(crate) mod cascade;
 pub(crate) mod disk;
 mod estimate;
+pub(crate) mod image_labels;
 pub(crate) mod journal;
 pub(crate) mod lock;
 pub(crate) mod ours;
@@ -52,6 +53,7 @@ use brickyard_import::{ImportError, Source, SourceInfo};
 use brickyard_volume::{Apron, DEFAULT_BRICK_EDGE, MAX_APRON, VoxelType, with_voxel_type};
 use cascade::{Pass, Passed, Reached, Stop, Stopped};
 use disk::{Disk, Part};
+use image_labels::{ImageLabels, TO_IMAGE, unlisted_reason};
 use journal::Journal;
 use output::Output;
 use plan::Stage;
@@ -253,6 +255,14 @@ pub enum PackError {
     /// The output would lie inside another store.
     #[error(transparent)]
     Inside(#[from] InsideStore),
+    /// The output lies among an image's labels, and cannot be one of them.
+    #[error("{path}: {problem}")]
+    Labels {
+        /// The output's path.
+        path: PathBuf,
+        /// The reason, with the remedy.
+        problem: String,
+    },
     /// The output exists, but is nothing replaceable by packing.
     #[error(
         "{path}: is neither a brick store nor an unfinished pack, and is left alone; choose another name, or \
@@ -517,6 +527,10 @@ pub fn rehearse(
 /// Reports the source's remarks, possible problems of the directory, and the plan.
 fn announce(source: &SourceInfo, dir: &Path, plan: &PackPlan, progress: &dyn Progress) {
     tell(source, progress);
+    if let Ok(Some(labels)) = ImageLabels::around(dir) {
+        labels.remarks(source).iter().for_each(|remark| progress.note(remark));
+    }
+    unlisted_reason(dir).iter().for_each(|reason| progress.warn(reason));
     warn_of_space(dir, plan, progress);
     if disk::may_be_local(disk::nearest(dir)) {
         let what = "its file system may lock files on this machine only: let no other machine pack into it";
@@ -639,6 +653,7 @@ fn write_metadata(pass: &Pass, settings: &Value, passed: Passed) -> Result<(), d
         codec: options.codec.for_voxel_type(info.voxel_type),
         downsample: options.downsample,
         kind: options.kind,
+        image_label: options.kind == Kind::Labels,
         nodata: info.nodata.filter(|_| !info.voxel_type.is_float()).map(|nodata| nodata as i64),
         blanked: info.nodata.filter(|_| info.voxel_type.is_float()),
         aprons: options.aprons,
@@ -661,6 +676,10 @@ fn write_metadata(pass: &Pass, settings: &Value, passed: Passed) -> Result<(), d
         }
     }
     disk.sync_parts(store, [Part::Tree(store)])?;
-    disk.write(&store.join("zarr.json"), &document_bytes(&root_document(layout, &info.geometry, &store_info)))?;
+    let mut root = root_document(layout, &info.geometry, &store_info);
+    if options.kind == Kind::Labels && ImageLabels::around(store)?.is_some() {
+        root["attributes"]["ome"]["image-label"]["source"] = json!({ "image": TO_IMAGE });
+    }
+    disk.write(&store.join("zarr.json"), &document_bytes(&root))?;
     disk.sync_dir(store)
 }

@@ -15,6 +15,7 @@ use crate::metadata::{
     ChannelDisplay, ChannelStatistics, OTHERS_STORE, StoreInfo, check_array, parse_displays, parse_geometry,
     parse_info, parse_label_colors, parse_layout, parse_placement,
 };
+use crate::pack::image_labels;
 use crate::shard_file::IoMode;
 use crate::side::{RangePage, SidePages, array_documents};
 use crate::time::parse_time;
@@ -315,6 +316,14 @@ impl Store {
     /// Label colours, sorted by label, from OME's metadata (`image-label`), editable by other tools.
     pub fn label_colors(&self) -> &[LabelColor] {
         &self.label_colors
+    }
+
+    /// Names of the labels listed in the store's folder `labels`, of an image.
+    ///
+    /// # Errors
+    /// If the list is unreadable, or no list.
+    pub fn label_names(&self) -> Result<Vec<String>, OpenError> {
+        image_labels::names(self.path())
     }
 
     /// Whether a channel may contain this label, judging by its range and histogram.

@@ -184,6 +184,7 @@ impl TestStore {
             codec: self.codec,
             downsample: Downsample::Mean.into(),
             kind: Kind::Image,
+            image_label: false,
             nodata: None,
             blanked: None,
             aprons: 0,

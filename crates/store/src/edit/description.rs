@@ -1,7 +1,8 @@
 //! Description of a store's volume as its source would give it, with edits applied and checked by the code of packing.
 
+use super::levels::are_mixed;
 use super::{Edit, EditChange, EditError};
-use crate::downsample::Downsample;
+use crate::downsample::{Downsample, Reductions};
 use crate::metadata::{Kind, StoreInfo};
 use crate::pack::check_name;
 use crate::pack::plan::check_input;
@@ -16,6 +17,9 @@ use serde_json::{Value, json};
 pub(super) struct Description {
     name: Option<String>,
     kind: Kind,
+    /// Whether OME-Zarr's metadata say that these are labels.
+    image_label: bool,
+    downsample: Reductions,
     pub(super) info: SourceInfo,
 }
 
@@ -48,7 +52,8 @@ impl Description {
             identity: String::new(),
             notes: Vec::new(),
         };
-        Self { name: stored.name.clone(), kind: stored.kind, info }
+        let StoreInfo { kind, image_label, downsample, .. } = *stored;
+        Self { name: stored.name.clone(), kind, image_label, downsample, info }
     }
 
     /// One look per channel.
@@ -71,14 +76,11 @@ impl Description {
         if is_of_time && store.layout().axes()[0] != "t" {
             return Err(refuse("has no axis of time; pack it again with `time_step`".into()));
         }
-        new.kind = edit.kind.unwrap_or(self.kind);
-        let methods = store.info().downsample;
-        if new.kind == Kind::Labels && [Some(methods.main()), methods.second()].contains(&Some(Downsample::Mean)) {
-            let problem = format!(
-                "`kind` labels: its coarser levels are made by {methods}, and the mean of two labels is another label; \
-                 pack it again with `kind` labels"
-            );
-            return Err(refuse(problem));
+        if let Some(kind) = edit.kind {
+            (new.kind, new.image_label) = (kind, kind == Kind::Labels);
+        }
+        if new.kind == Kind::Labels && are_mixed(store) {
+            new.downsample = Downsample::Mode.into();
         }
         let options = OpenOptions { are_labels: Some(new.kind == Kind::Labels), ..options(edit) };
         redescribe(&mut new.info, &options, path)?;
@@ -165,12 +167,14 @@ impl Description {
         compare("time unit", json!(old.and_then(|a| a.unit.as_ref())), json!(now.and_then(|a| a.unit.as_ref())));
         let since = |axis: Option<&TimeAxis>| json!(axis.and_then(|axis| axis.since.as_ref()));
         compare("moment from which times count", since(old), since(now));
-        let stamps = |axis: Option<&TimeAxis>| {
-            json!(axis.map(|axis| &axis.stamps).filter(|stamps| !stamps.is_empty()))
-        };
+        let stamps = |axis: Option<&TimeAxis>| json!(axis.map(|axis| &axis.stamps).filter(|stamps| !stamps.is_empty()));
         compare("time stamps", stamps(old), stamps(now));
         compare("name", json!(self.name), json!(new.name));
         compare("kind", json!(self.kind), json!(new.kind));
+        if self.kind == new.kind {
+            compare("image-label", json!(self.image_label), json!(new.image_label));
+        }
+        compare("coarser levels", json!(self.downsample), json!(new.downsample));
         for (i, (old, new)) in self.looks().iter().zip(new.looks()).enumerate() {
             compare(&format!("channel {i} name"), json!(old.name), json!(new.name));
             let hex = |look: &ChannelLook| json!(look.color.map(brickyard_volume::channel::hex));
@@ -185,6 +189,8 @@ impl Description {
         let mut info = StoreInfo {
             name: self.name.clone(),
             kind: self.kind,
+            image_label: self.image_label,
+            downsample: self.downsample,
             axis_units: self.info.geometry.axis_units.clone(),
             calibrated: self.info.calibrated,
             orientation: self.info.orientation,

@@ -52,6 +52,31 @@ pub enum EditError {
         /// The store.
         store: PathBuf,
     },
+    /// The coarser levels of labels cannot be made. The store is as before.
+    #[error(
+        "{store}: its coarser levels are means, and cannot be made again for labels: {problem}; the store is unchanged"
+    )]
+    Levels {
+        /// The store.
+        store: PathBuf,
+        /// The reason.
+        problem: String,
+    },
+    /// [`Progress::is_cancelled`](crate::Progress::is_cancelled) stopped the edit. The store is as before.
+    #[error("{store}: stopped; the store is unchanged")]
+    Cancelled {
+        /// The store.
+        store: PathBuf,
+    },
+    /// The store is edited, but not listed among its image's labels.
+    #[error("{store}: is edited, but not listed among the labels of its image: {error}; edit again to list it")]
+    Unlisted {
+        /// The store.
+        store: PathBuf,
+        /// The reason.
+        #[source]
+        error: Box<PackError>,
+    },
     /// The store is edited, and visibly so, but a power failure may still undo it.
     #[error("{store}: is edited, but a power failure may still undo it: {error}; edit again to make it last")]
     Unsynced {

@@ -4,6 +4,7 @@ use super::*;
 use crate::append::{AppendOptions, Appender};
 use crate::layout::JOURNAL_NAME;
 use crate::metadata::Kind;
+use crate::pack::tests::CancelledAtOnce;
 use crate::pack::tests::trial::Trial;
 use crate::pack::tests::{Array, files, mean_and_max, options, value};
 use crate::pack::{PackOptions, pack};
@@ -320,9 +321,7 @@ fn labels_take_no_colour_and_no_unit_of_values() {
 #[test]
 fn the_kind_is_edited_where_levels_allow_it() {
     let dirs = [0, 1].map(|_| tempfile::tempdir().unwrap());
-    let path = packed(dirs[0].path(), &source(1, 1));
     let labels = Edit { kind: Some(Kind::Labels), ..Edit::default() };
-    assert!(refusal(&path, &labels).contains("`kind` labels: its coarser levels are made by mean,max"));
     let by_mode = PackOptions { downsample: crate::downsample::Downsample::Mode.into(), ..options(VoxelType::U8) };
     let [image, told] = dirs.each_ref().map(|dir| dir.path().join("l.zarr"));
     pack(&source(1, 1), &image, &by_mode, &()).unwrap();
@@ -436,7 +435,7 @@ fn an_edit_stopped_anywhere_is_done_or_not() {
         for changes in 0.. {
             std::fs::write(path.join("zarr.json"), &before[Path::new("zarr.json")]).unwrap();
             let disk = Trial { syncs_each, fuse: Some(changes.into()), ..Trial::default() }.disk();
-            let edited = edit_on(&disk, &path, &spacing(3.0));
+            let edited = edit_on(&disk, &path, &spacing(3.0), &usual_work());
             let mut found = files(&path);
             found.remove(Path::new("zarr.json.tmp"));
             match edited {
@@ -464,4 +463,154 @@ fn a_surrounding_group_with_the_former_values_is_named() {
     std::fs::write(dir.path().join("zarr.json"), group.to_string()).unwrap();
     let report = edit(&path, &spacing(3.0)).unwrap();
     assert_eq!(report.stale_groups.len(), 1);
+}
+
+fn labels() -> Edit {
+    Edit { kind: Some(Kind::Labels), ..Edit::default() }
+}
+
+/// The options of a pack as labels.
+fn as_labels() -> PackOptions {
+    let by_mode = crate::downsample::Downsample::Mode.into();
+    PackOptions { kind: Kind::Labels, downsample: by_mode, aprons: 1, ..options(VoxelType::U8) }
+}
+
+/// Files of a store but its root document, and the latter without the marks of its settings.
+fn without_settings(path: &Path) -> (std::collections::BTreeMap<PathBuf, Vec<u8>>, Value) {
+    let (mut files, mut root) = (files(path), root_of(path));
+    files.remove(Path::new("zarr.json"));
+    for key in ["checksum", "settings_fingerprint"] {
+        root["attributes"]["brickyard"].as_object_mut().unwrap().remove(key);
+    }
+    (files, root)
+}
+
+#[test]
+fn means_are_made_again_for_labels_and_level_0_stays() {
+    use std::os::unix::fs::MetadataExt;
+    let dirs = [0, 1].map(|_| tempfile::tempdir().unwrap());
+    for (times, channels) in [(1, 1), (3, 2)] {
+        let source = source(times, channels);
+        let image = packed(dirs[0].path(), &source);
+        let told = dirs[1].path().join("s.zarr");
+        pack(&source, &told, &as_labels(), &()).unwrap();
+        change_root(&image, |root| root["attributes"]["theirs"] = json!([1]));
+        let before = files(&image);
+        rehearse_edit(&image, &labels()).unwrap();
+        assert_eq!(files(&image), before);
+        let shard = image.join(if times == 1 { "0/c/0/0/0" } else { "0/c/1/1/0/0/0" });
+        let number = shard.metadata().unwrap().ino();
+        let report = edit(&image, &labels()).unwrap();
+        let changes: Vec<_> = report.changes.iter().map(EditChange::to_string).collect();
+        assert_eq!(changes, ["kind: image -> labels", "coarser levels: mean,max -> mode"]);
+        is_sound(&image);
+        change_root(&image, |root| {
+            assert_eq!(root["attributes"].as_object_mut().unwrap().remove("theirs"), Some(json!([1])));
+        });
+        let [found, expected] = [&image, &told].map(|path| without_settings(path));
+        assert!(found.0 == expected.0, "{:?}", found.0.keys().collect::<Vec<_>>());
+        assert_eq!(found.1, expected.1);
+        assert_eq!(
+            (shard.metadata().unwrap().ino(), shard.metadata().unwrap().nlink()),
+            (number, 1),
+            "level 0 is not written"
+        );
+        assert_eq!(std::fs::read_dir(dirs[0].path()).unwrap().count(), 1, "nothing is left beside it");
+        dirs.iter().for_each(|dir| std::fs::remove_dir_all(dir.path().join("s.zarr")).unwrap());
+    }
+}
+
+/// Placement edited before stays, and so do the factors of levels; steps are appended before and after.
+#[test]
+fn levels_of_an_edited_and_appended_store_are_made_again() {
+    let dir = tempfile::tempdir().unwrap();
+    let [path, told] = ["s.zarr", "t.zarr"].map(|name| dir.path().join(name));
+    let packing = PackOptions { downsample: mean_and_max(), aprons: 1, ..options(VoxelType::U8) };
+    let mut step = source(1, 1);
+    let resources = AppendOptions { memory_bytes: 1 << 30, threads: 2 };
+    for (path, packing) in [(&path, &packing), (&told, &as_labels())] {
+        let mut appender = Appender::create(path, &step, Some(0.0), packing, &()).unwrap();
+        appender.append(&step, None, &()).unwrap();
+        drop(appender);
+        edit(path, &spacing(9.0)).unwrap();
+    }
+    edit(&path, &labels()).unwrap();
+    step.info.geometry.spacing = DVec3::new(9.0, 9.0, 18.0);
+    for path in [&path, &told] {
+        is_sound(path);
+        Appender::open(path, resources).unwrap().append(&step, None, &()).unwrap();
+        is_sound(path);
+    }
+    let [found, expected] = [&path, &told].map(|path| without_settings(path));
+    assert!(found.0 == expected.0);
+    assert_eq!(found.1, expected.1);
+}
+
+#[test]
+fn levels_that_cannot_be_made_leave_the_store() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = packed(dir.path(), &source(1, 1));
+    let before = files(dir.path());
+    let Work { memory_bytes, threads, .. } = usual_work();
+    let stopped = edit_within(&path, &labels(), memory_bytes, threads, &CancelledAtOnce).unwrap_err();
+    assert!(matches!(stopped, EditError::Cancelled { .. }), "{stopped}");
+    assert_eq!(files(dir.path()), before);
+    let little = edit_within(&path, &labels(), 1 << 20, threads, &()).unwrap_err().to_string();
+    assert!(little.contains("`memory`"), "{little}");
+    assert_eq!(files(dir.path()), before);
+    std::fs::create_dir_all(path.join("labels/l")).unwrap();
+    assert!(refusal(&path, &labels()).contains("labels is not part of the store"));
+    std::fs::remove_dir_all(path.join("labels")).unwrap();
+    // A damaged brick of level 0.
+    let shard = path.join("0/c/0/0/0");
+    let mut bytes = std::fs::read(&shard).unwrap();
+    bytes[5] ^= 1;
+    std::fs::write(&shard, &bytes).unwrap();
+    let damaged = files(dir.path());
+    let message = edit(&path, &labels()).unwrap_err().to_string();
+    assert!(message.contains("cannot be made again for labels") && message.contains("0/c/0/0/0"), "{message}");
+    assert_eq!(files(dir.path()), damaged);
+}
+
+/// A full disk or a crash at any change leaves the old store or the new one, and the next edit ends it.
+#[test]
+fn levels_stopped_anywhere_are_made_or_not() {
+    let dir = tempfile::tempdir().unwrap();
+    let small = Array::<u8>::series([20, 17, 12], 1, 1, |_, p| 1 + value(p) as u8);
+    let path = packed(dir.path(), &small);
+    let before = files(&path);
+    edit(&path, &labels()).unwrap();
+    let after = files(&path);
+    for (syncs_each, cannot_exchange) in [(false, false), (true, false), (false, true)] {
+        let (mut olds, mut news) = (0, 0);
+        for changes in 0.. {
+            std::fs::remove_dir_all(&path).unwrap();
+            packed(dir.path(), &small);
+            let disk = Trial { syncs_each, cannot_exchange, fuse: Some(changes.into()), ..Trial::default() }.disk();
+            let edited = edit_on(&disk, &path, &labels(), &usual_work());
+            let is_there = path.exists();
+            assert!(is_there || cannot_exchange, "{changes}");
+            let mut found = if is_there { files(&path) } else { after.clone() };
+            let is_new = !is_there || Store::open(&path).unwrap().info().kind == Kind::Labels;
+            found.remove(Path::new(JOURNAL_NAME));
+            assert!(if is_new { found == after } else { found == before }, "{changes}");
+            (olds, news) = (olds + i32::from(!is_new), news + i32::from(is_new));
+            match &edited {
+                Ok(_) => assert!(is_new),
+                Err(EditError::Unsynced { .. }) => assert!(is_new, "{changes}"),
+                Err(error) => assert!(!is_new || cannot_exchange, "{changes}: {error}"),
+            }
+            // Any edit ends it first.
+            match edit(&path, &labels()) {
+                Err(EditError::Nothing { .. }) => assert!(is_new, "{changes}"),
+                again => assert!(again.is_ok() && !is_new, "{changes}: {again:?}"),
+            }
+            assert_eq!(files(&path), after);
+            assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 1, "{changes}");
+            if edited.is_ok() {
+                break;
+            }
+        }
+        assert!(olds > 50 && news > 3, "{olds} {news}");
+    }
 }

@@ -36,6 +36,10 @@ pub fn root_document(layout: &Layout, geometry: &Geometry, info: &StoreInfo) -> 
     if info.kind == Kind::Image {
         ome["omero"] = omero(info);
     }
+    if info.image_label {
+        // Other programs may add what they know: colours, properties, the image.
+        ome["image-label"] = json!({});
+    }
     let mut ours = json!(info);
     if let Some(second) = info.downsample.second() {
         ours["multiscales"] = multiscale(&layout.of_second(second), second);

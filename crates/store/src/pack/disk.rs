@@ -177,6 +177,23 @@ impl Disk {
         self.run_at("rename", to, |at| self.check_links(from).and_then(|()| std::fs::rename(self.at(from), at)))
     }
 
+    /// Gives a file a second name; where the file system cannot, makes a copy that lasts.
+    pub(crate) fn link(&self, from: &Path, to: &Path) -> Result<()> {
+        use io::ErrorKind::{CrossesDevices, PermissionDenied, TooManyLinks, Unsupported};
+        self.run_at("link", to, |at| {
+            self.check_links(from)?;
+            match std::fs::hard_link(self.at(from), at) {
+                Err(error)
+                    if matches!(error.kind(), CrossesDevices | PermissionDenied | TooManyLinks | Unsupported) =>
+                {
+                    std::fs::copy(self.at(from), at)?;
+                    File::open(at)?.sync_all()
+                }
+                linked => linked,
+            }
+        })
+    }
+
     /// Renames a directory to a free name, or over an empty directory. Waits up to half a second for others to remove
     /// recent content.
     pub(crate) fn rename_dir(&self, from: &Path, to: &Path) -> Result<()> {

@@ -144,6 +144,11 @@ impl<'a> Journal<'a> {
         Ok(self.file.as_ref().map_or(Ok(()), |file| self.disk.sync(&self.path(), file))?)
     }
 
+    /// Takes a shard for one finished by an earlier run, without a record.
+    pub(crate) fn adopt(&mut self, layout: &Layout, shard: ShardId, fingerprint: Fingerprint) {
+        self.finished.insert(layout.shard_path(Path::new(""), shard), fingerprint);
+    }
+
     /// The fingerprint of a shard finished by an earlier run, if any.
     pub(crate) fn finished(&self, layout: &Layout, shard: ShardId) -> Option<Fingerprint> {
         self.finished.get(&layout.shard_path(Path::new(""), shard)).copied()

@@ -18,6 +18,7 @@ use crate::inside::{check_outside, named};
 use crate::json::read_json;
 use crate::layout::{JOURNAL_NAME, LOCK_NAME};
 use crate::pack::disk::{Disk, DiskError, free_bytes, nearest, temporary, with_suffix};
+use crate::pack::image_labels::ImageLabels;
 use crate::pack::journal::{Head, Journal};
 use crate::pack::lock::{self, DirLock};
 use crate::pack::plan::PackPlan;
@@ -85,7 +86,7 @@ impl<'a> Output<'a> {
         plan: &PackPlan,
     ) -> Result<Option<Self>, PackError> {
         let store = resolve(store)?;
-        check_outside(&store)?;
+        check_place(&store, settings)?;
         check_room(&store, plan)?;
         disk.work_at(&store);
         let made = ancestors_to_make(&store);
@@ -95,6 +96,7 @@ impl<'a> Output<'a> {
                     // Left by a pack killed as its last step; a live holder keeps it.
                     drop(DirLock::take(disk, &store));
                 }
+                list_labels(disk, &store)?;
                 return Ok(None);
             };
             disk.meanwhile("it is decided");
@@ -153,7 +155,7 @@ pub(crate) fn rehearse(
     plan: &PackPlan,
 ) -> Result<Option<PathBuf>, PackError> {
     let store = resolve(store)?;
-    check_outside(&store)?;
+    check_place(&store, settings)?;
     check_room(&store, plan)?;
     let Some((step, dir)) = decide(disk, &store, exists, settings)? else { return Ok(None) };
     for dir in [&dir, &store] {
@@ -170,6 +172,22 @@ pub(crate) fn rehearse(
     rustix::fs::access(place, Access::WRITE_OK | Access::EXEC_OK)
         .map_err(|error| PackError::ReadOnly { path: place.into(), error: error.into() })?;
     Ok(Some(dir))
+}
+
+/// Refuses a place inside another store, except for labels among those of an image.
+fn check_place(store: &Path, settings: &Value) -> Result<(), PackError> {
+    match ImageLabels::around(store)? {
+        Some(labels) => labels.check(serde_json::from_value(settings["kind"].clone()).unwrap_or_default()),
+        None => Ok(check_outside(store)?),
+    }
+}
+
+/// Lists a whole store among its image's labels, if it is one of them.
+fn list_labels(disk: &Disk, store: &Path) -> Result<(), PackError> {
+    match ImageLabels::around(store)? {
+        Some(labels) => labels.list(disk),
+        None => Ok(()),
+    }
 }
 
 /// Refuses a disk without room for the files that are always written in full.
@@ -291,10 +309,12 @@ fn exchange(disk: &Disk, new: &Path, store: &Path) -> Result<(), PackError> {
     Ok(())
 }
 
-/// Ends a pack whose store has its final name: deletes the replaced store, then the journal.
+/// Ends a pack whose store has its final name: lists it among its image's labels, deletes the replaced store, then the
+/// journal.
 fn tidy(disk: &Disk, store: &Path, replaces: Option<&str>) -> Result<(), PackError> {
     // The new store's name must be durable before the old store goes.
     disk.sync_dir(parent(store))?;
+    list_labels(disk, store)?;
     if let Some(replaced) = replaces {
         let (old, aside) = (with_suffix(store, ".packing"), aside(store));
         if !is_there(&old)? && is_store(&aside, replaced)? {
@@ -335,6 +355,40 @@ pub(crate) fn end(disk: &Disk, store: &Path) -> Result<bool, PackError> {
         tidy(disk, &dir, Head::of(&dir)?.replaces.as_deref())?;
     }
     Ok(true)
+}
+
+/// The setting of journals of edits, which make a store from the one it replaces.
+pub(crate) const OF_EDIT: &str = "edit";
+
+/// Ends a stopped edit of a store's levels: an edited store is cleaned up, and the beginnings of one are deleted.
+pub(crate) fn end_edit(disk: &Disk, dir: &Path) -> Result<(), PackError> {
+    let is_of_edit = |path: &Path| match path.join(JOURNAL_NAME).is_file() {
+        true => Head::of(path).map(|head| !head.settings[OF_EDIT].is_null()),
+        false => Ok(false),
+    };
+    if is_of_edit(dir)? {
+        end(disk, dir)?;
+    }
+    let beside = with_suffix(dir, ".packing");
+    if !is_of_edit(&beside)? {
+        return Ok(());
+    }
+    let mut lock = DirLock::take(disk, &beside)?;
+    // Checked again: another process may have been at it until now.
+    if !is_of_edit(&beside)? {
+        return Ok(());
+    }
+    lock.declare(disk)?;
+    let is_whole = matches!(find(&beside)?, Found::Unfinished { is_whole: true, .. });
+    if is_there(dir)? || !is_whole {
+        lock.takes_dir_along();
+        ours::remove(disk, &beside)?;
+        return Ok(ours::remove_file(disk, &beside.join(JOURNAL_NAME))?);
+    }
+    // Between two renames, where names cannot be exchanged: the edited store is whole.
+    disk.rename_dir(&beside, dir)?;
+    lock.moved(dir);
+    tidy(disk, dir, Head::of(dir)?.replaces.as_deref())
 }
 
 fn is_store(path: &Path, with: &str) -> Result<bool, PackError> {

@@ -7,9 +7,9 @@ use std::sync::Mutex;
 
 /// Keeps the plan and the remarks.
 #[derive(Default)]
-struct Told {
+pub(super) struct Told {
     plans: Mutex<Vec<PackPlan>>,
-    notes: Mutex<Vec<String>>,
+    pub(super) notes: Mutex<Vec<String>>,
 }
 
 impl Progress for Told {
@@ -25,7 +25,7 @@ impl Progress for Told {
 }
 
 /// All names below a folder, and the contents of files.
-fn tree(dir: &Path) -> Vec<(PathBuf, Option<Vec<u8>>)> {
+pub(super) fn tree(dir: &Path) -> Vec<(PathBuf, Option<Vec<u8>>)> {
     let mut found = Vec::new();
     for entry in std::fs::read_dir(dir).unwrap() {
         let path = entry.unwrap().path();
