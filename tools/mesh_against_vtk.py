@@ -4,8 +4,9 @@
 usage: tools/mesh_against_vtk.py BRICKYARD FOLDER [--edge N] [--table FILE]
 
 Makes volumes of N voxels along each edge in FOLDER, packs them, and extracts each surface by both: isosurfaces beside vtkFlyingEdges3D, labels beside
-vtkSurfaceNets3D. Distances are Hausdorff's, from vertices to the other mesh's triangles, in voxels. VTK's volumes are padded by a voxel, so that its
-surfaces are closed as well. Needs numpy, scipy, trimesh and vtk.
+vtkSurfaceNets3D; then some of them decimated, beside vtkQuadricDecimation of VTK's surface to as many triangles. Distances are Hausdorff's, from vertices
+to the other mesh's triangles, in voxels; of decimated meshes both ways from the whole one, and from points within triangles, too. VTK's volumes are
+padded by a voxel, so that its surfaces are closed as well. Needs numpy, scipy, trimesh and vtk.
 """
 
 import argparse
@@ -60,7 +61,18 @@ CASES = [
 ]
 
 
-def of_vtk(array, flags, smoothing, out):
+# The same with tolerances in voxels.
+DECIMATED = [
+    ("floats", smooth, ["--isovalue", "0.01"], 0, 0.05),
+    ("floats", smooth, ["--isovalue", "0.01"], 0, 0.2),
+    ("floats", smooth, ["--isovalue", "0.01"], 0, 1),
+    ("bytes", rounded, ["--isovalue", "100"], 0, 0.2),
+    ("noise", noise, ["--isovalue", "127.5"], 0, 0.2),
+    ("label, smoothed", cells, ["--label", "7"], 16, 0.2),
+]
+
+
+def of_vtk(array, flags, smoothing, out, target):
     """Extracts by VTK, in this process."""
     import vtk
     from vtk.util import numpy_support
@@ -89,6 +101,12 @@ def of_vtk(array, flags, smoothing, out):
     surface.SetInputData(image)
     began, cpu = time.perf_counter(), time.process_time()
     surface.Update()
+    if target:
+        whole = surface
+        surface = vtk.vtkQuadricDecimation()
+        surface.SetInputData(whole.GetOutput())
+        surface.SetTargetReduction(1 - target / whole.GetOutput().GetNumberOfCells())
+        surface.Update()
     seconds, cpu = time.perf_counter() - began, time.process_time() - cpu
     writer = vtk.vtkPLYWriter()
     writer.SetInputData(surface.GetOutput())
@@ -108,8 +126,8 @@ def measured(command):
     return json.loads(text), time.perf_counter() - began, used.ru_utime + used.ru_stime, used.ru_maxrss / 1024
 
 
-def distances(a, b):
-    """Hausdorff's distance both ways, in voxels."""
+def distances(a, b, subdivisions=0):
+    """Hausdorff's distance both ways, in voxels; triangles of the first mesh are subdivided so many times."""
     import vtk
 
     def read(path):
@@ -118,8 +136,15 @@ def distances(a, b):
         reader.Update()
         return reader.GetOutput()
 
+    first = read(a)
+    if subdivisions:
+        finer = vtk.vtkLinearSubdivisionFilter()
+        finer.SetInputData(first)
+        finer.SetNumberOfSubdivisions(subdivisions)
+        finer.Update()
+        first = finer.GetOutput()
     both = vtk.vtkHausdorffDistancePointSetFilter()
-    both.SetInputData(0, read(a))
+    both.SetInputData(0, first)
     both.SetInputData(1, read(b))
     both.SetTargetDistanceMethodToPointToCell()
     both.Update()
@@ -133,40 +158,86 @@ def watertight(path):
     return mesh.is_watertight and mesh.is_winding_consistent and mesh.volume > 0, mesh.volume
 
 
+def packed(a, make):
+    """A volume and its store."""
+    array, store = a.folder / f"{make.__name__}.npy", a.folder / f"{make.__name__}.zarr"
+    if not store.exists():
+        np.save(array, make(a.edge))
+        kind = "labels" if make is cells else "image"
+        subprocess.run([a.brickyard, "pack", array, store, "--kind", kind, "--progress", "none"], check=True)
+    return array, store
+
+
+def ours_of(a, store, flags, smoothing, out, *more):
+    command = [a.mesh or a.brickyard, *([] if a.mesh else ["mesh"]), store, out, *flags, "--smooth", str(smoothing), "--memory", a.memory, "--overwrite",
+               "--json", "--progress", "none", *more]
+    return measured(command)
+
+
+def table(rows):
+    return "\n".join("| " + " | ".join(map(str, row)) + " |" for row in rows[:1] + [["---"] * len(rows[0])] + rows[1:])
+
+
+YES = {True: "yes", False: "no"}
+
+
+def whole(a):
+    rows = [["", "voxels", "triangles", "VTK's", "farthest, voxels", "VTK's from ours", "volume, ours / VTK's", "watertight", "VTK's",
+             "CPU s", "VTK's", "peak MiB", "VTK's"]]
+    for name, make, flags, smoothing in CASES:
+        array, store = packed(a, make)
+        ours, theirs = a.folder / "ours.ply", a.folder / "vtk.ply"
+        found, _, cpu, peak = ours_of(a, store, flags, smoothing, ours)
+        known, _, _, vtk_peak = measured([sys.executable, __file__, "--vtk", array, *flags, str(smoothing), theirs, "0"])
+        forth, back = distances(ours, theirs)
+        (tight, volume), (vtk_tight, vtk_volume) = watertight(ours), watertight(theirs)
+        voxels = np.load(array, mmap_mode="r").shape[0]
+        rows.append([name, f"{voxels}³", found["objects"][0]["triangles"], known["triangles"], f"{forth:.3f}", f"{back:.3f}",
+                     f"{volume / vtk_volume:.5f}", YES[tight], YES[vtk_tight], f"{cpu:.2f}", f"{known['cpu_s']:.2f}", f"{peak:.0f}", f"{vtk_peak:.0f}"])
+        print(" | ".join(map(str, rows[-1])), flush=True)
+        if not tight:
+            sys.exit(f"{name}: not watertight")
+    print("\n" + table(rows))
+
+
+def decimated(a):
+    rows = [["", "voxels", "triangles", "within, voxels", "triangles left", "farthest", "VTK's", "watertight", "VTK's", "CPU s", "VTK's", "peak MiB", "VTK's"]]
+    full, vtk_full, ours, theirs = [a.folder / f"{name}.ply" for name in ("full", "vtk_full", "ours", "vtk")]
+    for name, make, flags, smoothing, voxels in DECIMATED:
+        array, store = packed(a, make)
+        whole, *_ = ours_of(a, store, flags, smoothing, full)
+        found, _, cpu, peak = ours_of(a, store, flags, smoothing, ours, "--decimate", str(voxels))
+        whole, found = whole["objects"][0]["triangles"], found["objects"][0]["triangles"]
+        vtk = [sys.executable, __file__, "--vtk", array, *flags, str(smoothing)]
+        measured([*vtk, vtk_full, "0"])
+        known, _, _, vtk_peak = measured([*vtk, theirs, str(found)])
+        farthest, vtk_farthest = max(distances(ours, full, 2)), max(distances(theirs, vtk_full, 2))
+        (tight, _), (vtk_tight, _) = watertight(ours), watertight(theirs)
+        rows.append([name, f"{np.load(array, mmap_mode='r').shape[0]}³", whole, voxels, f"{found} ({100 * found / whole:.1f}%)", f"{farthest:.3f}",
+                     f"{vtk_farthest:.3f}", YES[tight], YES[vtk_tight], f"{cpu:.2f}", f"{known['cpu_s']:.2f}", f"{peak:.0f}", f"{vtk_peak:.0f}"])
+        print(" | ".join(map(str, rows[-1])), flush=True)
+        if not tight:
+            sys.exit(f"{name}: not watertight")
+    print("\n" + table(rows))
+
+
 def main():
     ap = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     ap.add_argument("brickyard")
     ap.add_argument("folder", type=pathlib.Path)
     ap.add_argument("--edge", type=int, default=256)
     ap.add_argument("--memory", default="512MiB")
+    ap.add_argument("--only", choices=["whole", "decimated"])
+    ap.add_argument("--mesh", type=pathlib.Path, help="a program that takes the arguments of `brickyard mesh`")
     a = ap.parse_args()
     a.folder.mkdir(parents=True, exist_ok=True)
-    rows = [["", "voxels", "triangles", "VTK's", "farthest, voxels", "VTK's from ours", "volume, ours / VTK's", "watertight", "VTK's",
-             "CPU s", "VTK's", "peak MiB", "VTK's"]]
-    for name, make, flags, smoothing in CASES:
-        array, store = a.folder / f"{make.__name__}.npy", a.folder / f"{make.__name__}.zarr"
-        if not store.exists():
-            np.save(array, make(a.edge))
-            kind = "labels" if make is cells else "image"
-            subprocess.run([a.brickyard, "pack", array, store, "--kind", kind, "--progress", "none"], check=True)
-        ours, theirs = a.folder / "ours.ply", a.folder / "vtk.ply"
-        command = [a.brickyard, "mesh", store, ours, *flags, "--smooth", str(smoothing), "--memory", a.memory, "--overwrite", "--json",
-                   "--progress", "none"]
-        found, _, cpu, peak = measured(command)
-        known, _, _, vtk_peak = measured([sys.executable, __file__, "--vtk", array, *flags, str(smoothing), theirs])
-        forth, back = distances(ours, theirs)
-        (tight, volume), (vtk_tight, vtk_volume) = watertight(ours), watertight(theirs)
-        yes = {True: "yes", False: "no"}
-        voxels = np.load(array, mmap_mode="r").shape[0]
-        rows.append([name, f"{voxels}³", found["objects"][0]["triangles"], known["triangles"], f"{forth:.3f}", f"{back:.3f}",
-                     f"{volume / vtk_volume:.5f}", yes[tight], yes[vtk_tight], f"{cpu:.2f}", f"{known['cpu_s']:.2f}", f"{peak:.0f}", f"{vtk_peak:.0f}"])
-        print(" | ".join(map(str, rows[-1])), flush=True)
-        if not tight:
-            sys.exit(f"{name}: not watertight")
-    print("\n" + "\n".join("| " + " | ".join(map(str, row)) + " |" for row in rows[:1] + [["---"] * len(rows[0])] + rows[1:]))
+    if a.only != "decimated":
+        whole(a)
+    if a.only != "whole":
+        decimated(a)
 
 
 if sys.argv[1:2] == ["--vtk"]:
-    of_vtk(sys.argv[2], sys.argv[3:5], int(sys.argv[5]), sys.argv[6])
+    of_vtk(sys.argv[2], sys.argv[3:5], int(sys.argv[5]), sys.argv[6], int(sys.argv[7]))
 else:
     main()

@@ -1,7 +1,9 @@
 //! Threads and kept bricks within a budget of memory. The worst block is counted, in which every edge is crossed.
 
+use crate::decimation::MOST_WEIGHT;
 use crate::error::MeshError;
 use crate::format::BUFFER_BYTES;
+use crate::number_table::TABLE_BYTES;
 use crate::patch::PatchVertex;
 use crate::request::{MeshRequest, MeshSurface};
 use crate::smoothing::reach_cells;
@@ -19,11 +21,17 @@ const BLOCK_POINTS: u64 = 34;
 /// A label and its box, as found and as a target.
 const LABEL_BYTES: u64 = 256;
 
+/// The part of spare memory for the list of pieces, and the least of it.
+const LIST_SHARE: u64 = 16;
+const LEAST_LIST_BYTES: u64 = 8 << 20;
+
 /// Shares of the memory.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Budget {
     pub(crate) threads: usize,
     pub(crate) bricks: usize,
+    /// For the list of pieces, in bytes.
+    pub(crate) list_bytes: u64,
 }
 
 impl Budget {
@@ -37,32 +45,56 @@ impl Budget {
             MeshSurface::Labels => LABEL_BYTES * crate::request::MOST_LABELS as u64,
             _ => 0,
         };
-        let fixed = PROGRAM_BYTES + store.cache_bytes() + labels + 4 * BUFFER_BYTES as u64;
+        let is_decimated = request.decimation_voxels.is_some();
+        let least_list_bytes = if is_decimated { LEAST_LIST_BYTES } else { 0 };
+        let table_bytes = if is_decimated { TABLE_BYTES } else { 0 };
+        let fixed_bytes = PROGRAM_BYTES + store.cache_bytes() + labels + 4 * BUFFER_BYTES as u64 + table_bytes;
         // A brick being decoded: encoded, shuffled and decoded; and one that others keep from being dropped.
-        let thread = working_bytes(store, request) + PATCHES_PER_THREAD as u64 * patch_bytes(request) + 4 * core;
-        let least = fixed + thread + core;
+        let patches = PATCHES_PER_THREAD as u64 * patch_bytes(request);
+        let decimation = if is_decimated { decimation_bytes(request) } else { 0 };
+        let thread = working_bytes(store, request) + patches + decimation + 4 * core;
+        let least = fixed_bytes + least_list_bytes + thread + core;
         if request.memory_bytes < least {
             return Err(MeshError::Memory { needed_bytes: least, given_bytes: request.memory_bytes });
         }
-        let room = request.memory_bytes - fixed;
+        let spare_bytes = if is_decimated { (request.memory_bytes - least) / LIST_SHARE } else { 0 };
+        let list_bytes = least_list_bytes + spare_bytes;
+        let room = request.memory_bytes - fixed_bytes - list_bytes;
         let threads = (rayon::current_num_threads() as u64).min((room - core) / thread).max(1);
         let bricks = (room - threads * thread) / core;
-        Ok(Self { threads: threads as usize, bricks: bricks as usize })
+        Ok(Self { threads: threads as usize, bricks: bricks as usize, list_bytes })
     }
 }
 
 /// A vector that grows takes up to twice its length.
 const GROWTH: u64 = 2;
 
-/// Bytes of a block's patch.
-fn patch_bytes(request: &MeshRequest) -> u64 {
-    let points = BLOCK_POINTS.pow(3);
-    // Vertices and triangles of a voxel, at most.
-    let (vertices, triangles) = match request.surface {
+/// Vertices and triangles of a voxel, at most.
+fn of_voxel(request: &MeshRequest) -> (u64, u64) {
+    match request.surface {
         MeshSurface::Isosurface(_) => (3, 5),
         MeshSurface::Label(_) | MeshSurface::Labels => (4, 12),
-    };
-    GROWTH * points * (vertices * size_of::<PatchVertex>() as u64 + 12 * triangles)
+    }
+}
+
+/// Bytes of a block's patch.
+fn patch_bytes(request: &MeshRequest) -> u64 {
+    let (vertices, triangles) = of_voxel(request);
+    GROWTH * BLOCK_POINTS.pow(3) * (vertices * size_of::<PatchVertex>() as u64 + (12 + 8) * triangles)
+}
+
+/// Bytes of a piece at work, for each vertex and triangle: places, names, triangles around, and the queue; edges, corners, and covered points.
+const VERTEX_WORK_BYTES: u64 = 256;
+const TRIANGLE_WORK_BYTES: u64 = 64;
+
+/// Bytes of a thread that decimates: a block, whose pieces wait, or later the heaviest region; its triangles are twice its vertices.
+fn decimation_bytes(request: &MeshRequest) -> u64 {
+    let (vertices, triangles) = of_voxel(request);
+    let points = BLOCK_POINTS.pow(3);
+    let block = points * (vertices * VERTEX_WORK_BYTES + triangles * TRIANGLE_WORK_BYTES);
+    let waiting = PATCHES_PER_THREAD as u64 * points * (vertices * 33 + triangles * 16);
+    let region = MOST_WEIGHT * (VERTEX_WORK_BYTES / 2 + TRIANGLE_WORK_BYTES);
+    (block + waiting).max(region)
 }
 
 /// Bytes of a thread at work on a block.

@@ -1,18 +1,21 @@
 //! Extraction: checks, the sweep over blocks, and the output.
 
 use crate::block_grid::{Block, BlockGrid};
-use crate::bricks::{Bricks, Part};
+use crate::bricks::{self, Bricks};
 use crate::budget::{Budget, PATCHES_PER_THREAD};
+use crate::decimation::{Decimation, Region};
 use crate::error::MeshError;
-use crate::format::{Format, Head, Triangle};
+use crate::format::{Format, Head, Place, Triangle};
 use crate::isosurface::Isosurface;
 use crate::label_boxes::label_boxes;
 use crate::nets::Nets;
 use crate::numbering::Numbers;
 use crate::output;
 use crate::patch::Patch;
+use crate::piece::Piece;
+use crate::pieces::Pieces;
 use crate::points::Points;
-use crate::request::{MOST_SMOOTHING, MeshRequest, MeshSurface};
+use crate::request::{MOST_DECIMATION_VOXELS, MOST_SMOOTHING, MeshRequest, MeshSurface};
 use crate::world::World;
 use brickyard_store::{Kind, ReadError, Store, check_outside};
 use brickyard_volume::{VoxelBox, with_voxel_type};
@@ -65,9 +68,14 @@ pub fn mesh(
     let pool = rayon::ThreadPoolBuilder::new().num_threads(budget.threads).build();
     let pool = pool.map_err(|error| MeshError::Threads(error.to_string()))?;
     let MeshRequest { level, time, channel, .. } = *request;
-    let bricks = Bricks::new(store, Part { level, time, channel, region }, budget.bricks);
-    let sweep = Sweep { bricks, world, request, output, progress: &progress };
-    let (format, report) = pool.install(|| sweep.run(format))?;
+    let bricks = Bricks::new(store, bricks::Part { level, time, channel, region }, budget.bricks);
+    let decimation = request.decimation_voxels.map(|voxels| Decimation::new(world, region, voxels));
+    let begin = |decimation| Pieces::begin(Place { output: output.into() }, decimation, budget.list_bytes);
+    let pieces = decimation.map(begin).transpose()?;
+    let origin = world.place(DVec3::from_array(region.min.to_array().map(f64::from)));
+    let written = Written { format, pieces, objects: Vec::new(), numbers: Numbers::default(), origin };
+    let sweep = Sweep { bricks, world, decimation, request, output, progress: &progress };
+    let (format, report) = pool.install(|| sweep.run(written))?;
     let file = format.finish()?;
     let io = |error| MeshError::Io { path: output.into(), error };
     file.as_file().sync_all().map_err(io)?;
@@ -116,7 +124,12 @@ fn check_surface(store: &Store, request: &MeshRequest) -> Result<(), MeshError> 
         _ if request.smoothing > MOST_SMOOTHING => {
             format!("{} iterations of smoothing: expected at most {MOST_SMOOTHING}", request.smoothing)
         }
-        _ => return Ok(()),
+        _ => match request.decimation_voxels {
+            Some(voxels) if !(voxels > 0.0 && voxels <= MOST_DECIMATION_VOXELS) => {
+                format!("decimation within {voxels} voxels: expected more than 0 and at most {MOST_DECIMATION_VOXELS}")
+            }
+            _ => return Ok(()),
+        },
     };
     Err(MeshError::Unfit(problem))
 }
@@ -175,13 +188,14 @@ const JOBS_AT_ONCE: usize = 64;
 struct Sweep<'a, P> {
     bricks: Bricks<'a>,
     world: World,
+    decimation: Option<Decimation>,
     request: &'a MeshRequest,
     output: &'a Path,
     progress: &'a P,
 }
 
 impl<P: Fn(u64, u64) -> ControlFlow<()> + Sync> Sweep<'_, P> {
-    fn run(&self, format: Box<dyn Format>) -> Result<(Box<dyn Format>, MeshReport), MeshError> {
+    fn run(&self, mut written: Written) -> Result<(Box<dyn Format>, MeshReport), MeshError> {
         let voxel_bytes = self.bricks.store().voxel_type().bytes() as u64;
         let whole = Target { label: None, region: self.bricks.region() };
         let mut done = 0;
@@ -201,11 +215,9 @@ impl<P: Fn(u64, u64) -> ControlFlow<()> + Sync> Sweep<'_, P> {
             |target: &Target| target.region.extent().to_array().map(|n| u128::from(n) + 1).iter().product::<u128>();
         let total = targets.iter().map(cells).sum::<u128>().saturating_mul(voxel_bytes.into());
         let total = u64::try_from(total).unwrap_or(u64::MAX).saturating_add(done);
-        let mut written =
-            Written::new(format, self.world.place(DVec3::from_array(whole.region.min.to_array().map(f64::from))));
         let grids = targets.iter().enumerate();
         let mut jobs = grids.flat_map(|(target, Target { region, .. })| {
-            BlockGrid::of(*region).blocks().map(move |block| Job { target, block })
+            BlockGrid::of(*region, whole.region).blocks().map(move |block| Job { target, block })
         });
         let threads = rayon::current_num_threads();
         loop {
@@ -218,10 +230,14 @@ impl<P: Fn(u64, u64) -> ControlFlow<()> + Sync> Sweep<'_, P> {
             let active = some.par_iter().map(is_active).collect::<Result<Vec<_>, ReadError>>()?;
             let active: Vec<Job> = active.into_iter().filter_map(|(job, is_active)| is_active.then_some(job)).collect();
             for jobs in active.chunks(PATCHES_PER_THREAD * threads) {
-                let patches = jobs.par_iter().map(|job| self.patch(&targets[job.target], &job.block));
-                for (job, patch) in jobs.iter().zip(patches.collect::<Result<Vec<_>, _>>()?) {
+                let parts = jobs.par_iter().map(|job| self.part(&targets[job.target], &job.block));
+                for (job, part) in jobs.iter().zip(parts.collect::<Result<Vec<_>, _>>()?) {
                     let target = &targets[job.target];
-                    written.add(target, || target.name(self.request), &job.block, &patch)?;
+                    if !written.is_in(target) && !part.patch.vertices.is_empty() {
+                        written.end(|| self.report(done, total))?;
+                        written.begin(target, &target.name(self.request))?;
+                    }
+                    written.add(&job.block, part)?;
                 }
                 self.report(done, total)?;
             }
@@ -229,7 +245,7 @@ impl<P: Fn(u64, u64) -> ControlFlow<()> + Sync> Sweep<'_, P> {
             done += some.iter().map(cells).sum::<u64>() * voxel_bytes;
             self.report(done.min(total), total)?;
         }
-        written.end()?;
+        written.end(|| self.report(total, total))?;
         if written.objects.is_empty() {
             return Err(MeshError::Empty(self.nothing()));
         }
@@ -293,6 +309,12 @@ impl<P: Fn(u64, u64) -> ControlFlow<()> + Sync> Sweep<'_, P> {
         Ok(false)
     }
 
+    fn part(&self, target: &Target, block: &Block) -> Result<Part, ReadError> {
+        let patch = self.patch(target, block)?;
+        let pieces = self.decimation.map(|decimation| decimation.of_patch(&patch));
+        Ok(Part { patch, pieces })
+    }
+
     fn patch(&self, target: &Target, block: &Block) -> Result<Patch, ReadError> {
         let (nodata, smoothing) = (self.nodata(), self.request.smoothing);
         with_voxel_type!(self.bricks.store().voxel_type(), T => {
@@ -315,41 +337,56 @@ impl<P: Fn(u64, u64) -> ControlFlow<()> + Sync> Sweep<'_, P> {
     }
 }
 
+/// A block's part of the mesh.
+struct Part {
+    patch: Patch,
+    /// The decimated patch; ids are places in it.
+    pieces: Option<Vec<(Region, Piece)>>,
+}
+
 /// The output so far.
 struct Written {
     format: Box<dyn Format>,
+    /// Pieces of the last object, if it is decimated.
+    pieces: Option<Pieces>,
     objects: Vec<MeshObject>,
+    /// Numbers of the last object's vertices, before decimation.
     numbers: Numbers,
     /// A place near the mesh, from which volumes are summed up.
     origin: DVec3,
 }
 
 impl Written {
-    fn new(format: Box<dyn Format>, origin: DVec3) -> Self {
-        Self { format, objects: Vec::new(), numbers: Numbers::default(), origin }
+    /// Whether the last object is of this target.
+    fn is_in(&self, target: &Target) -> bool {
+        self.objects.last().is_some_and(|object| object.label == target.label)
     }
 
-    /// Adds a block's part. Those of a target follow one another.
-    fn add(
-        &mut self,
-        target: &Target,
-        name: impl FnOnce() -> String,
-        block: &Block,
-        patch: &Patch,
-    ) -> Result<(), MeshError> {
+    fn begin(&mut self, target: &Target, name: &str) -> Result<(), MeshError> {
+        self.format.begin(name)?;
+        self.numbers = Numbers::default();
+        self.objects.push(MeshObject { label: target.label, vertices: 0, triangles: 0, area: 0.0, volume: 0.0 });
+        Ok(())
+    }
+
+    /// Adds a block's part to the last object.
+    fn add(&mut self, block: &Block, Part { patch, pieces }: Part) -> Result<(), MeshError> {
         if patch.vertices.is_empty() {
             return Ok(());
-        }
-        if self.objects.last().is_none_or(|object| object.label != target.label) {
-            self.end()?;
-            self.format.begin(&name())?;
-            self.numbers = Numbers::default();
-            self.objects.push(MeshObject { label: target.label, vertices: 0, triangles: 0, area: 0.0, volume: 0.0 });
         }
         let before = self.numbers.count();
         let starts = self.numbers.add(block.index, &patch.ranks);
         let numbers: Vec<Option<u64>> =
             patch.vertices.iter().map(|vertex| starts[vertex.class.index()].checked_add(vertex.rank.into())).collect();
+        if let (Some(kept), Some(pieces)) = (&mut self.pieces, pieces) {
+            for (region, mut piece) in pieces {
+                for id in &mut piece.ids {
+                    *id = numbers[*id as usize].ok_or(MeshError::Contradiction)?;
+                }
+                kept.add(region, &piece)?;
+            }
+            return Ok(());
+        }
         let mut own = vec![DVec3::ZERO; (self.numbers.count() - before) as usize];
         for (vertex, number) in patch.vertices.iter().zip(&numbers).filter(|(vertex, _)| vertex.class.is_own()) {
             if let Some(number) = number {
@@ -364,16 +401,43 @@ impl Written {
                 return Err(MeshError::Contradiction);
             };
             let places = triangle.map(|vertex| patch.vertices[vertex as usize].place);
-            self.format.triangle(&Triangle { vertices: [a, b, c], places })?;
-            let [p, q, r] = places.map(|place| place - self.origin);
-            object.triangles += 1;
-            object.area += 0.5 * (q - p).cross(r - p).length();
-            object.volume += p.dot(q.cross(r)) / 6.0;
+            let triangle = Triangle { vertices: [a, b, c], places };
+            self.format.triangle(&triangle)?;
+            object.count(&triangle, self.origin);
         }
         Ok(())
     }
 
-    fn end(&mut self) -> Result<(), MeshError> {
-        if self.objects.is_empty() { Ok(()) } else { self.format.end() }
+    /// Ends the last object, if there is one. Calls `go_on` between its pieces, if it is decimated.
+    fn end(&mut self, go_on: impl Fn() -> Result<(), MeshError>) -> Result<(), MeshError> {
+        let Some(object) = self.objects.last_mut() else { return Ok(()) };
+        if let Some(pieces) = &mut self.pieces {
+            let format = &mut self.format;
+            pieces.drain(|piece, numbered| {
+                go_on()?;
+                for (place, _) in piece.places.iter().zip(numbered).filter(|(_, numbered)| numbered.is_new) {
+                    format.vertex(*place)?;
+                    object.vertices += 1;
+                }
+                for corners in &piece.triangles {
+                    let vertices = corners.map(|vertex| numbered[vertex as usize].number);
+                    let triangle = Triangle { vertices, places: corners.map(|vertex| piece.places[vertex as usize]) };
+                    format.triangle(&triangle)?;
+                    object.count(&triangle, self.origin);
+                }
+                Ok(())
+            })?;
+        }
+        self.format.end()
+    }
+}
+
+impl MeshObject {
+    /// Adds a triangle to the sums; volumes are from `origin`.
+    fn count(&mut self, triangle: &Triangle, origin: DVec3) {
+        let [p, q, r] = triangle.places.map(|place| place - origin);
+        self.triangles += 1;
+        self.area += 0.5 * (q - p).cross(r - p).length();
+        self.volume += p.dot(q.cross(r)) / 6.0;
     }
 }

@@ -140,7 +140,7 @@ impl Wide {
         for (i, (place, class)) in self.places.iter().zip(&self.classes).enumerate() {
             if let Some((class, rank)) = *class {
                 kept[i] = patch.vertices.len() as u32;
-                patch.vertices.push(PatchVertex { place: world.place(*place), class, rank });
+                patch.vertices.push(PatchVertex { place: world.place(*place), class, rank, is_fixed: false });
             }
         }
         let own = self.own.iter().map(|i| self.triangles[*i as usize].map(|vertex| kept[vertex as usize]));

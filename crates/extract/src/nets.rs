@@ -190,6 +190,7 @@ impl Lattice<'_> {
                     let split = [[corner(0), corner(1), corner(2)], [corner(0), corner(2), corner(3)]];
                     patch.triangles.extend(split.map(triangle));
                 }
+                patch.sheets.resize(patch.triangles.len(), if from == label { to } else { from });
             }
         }
         patch
@@ -242,9 +243,15 @@ impl Lattice<'_> {
             }
             let class = Class::of(place, before, last, None);
             let vertex = self.vertex(place);
+            let is_disc = is_disc(corners);
             let mut push = |kind: usize, place: DVec3, rank: u32| {
                 ids[4 * cell + kind] = patch.vertices.len() as u32;
-                patch.vertices.push(PatchVertex { place: world.place(place), class, rank });
+                patch.vertices.push(PatchVertex {
+                    place: world.place(place),
+                    class,
+                    rank,
+                    is_fixed: kind > 0 || !is_disc,
+                });
             };
             push(0, vertex, patch.ranks.next(class));
             for axis in 0..3 {
@@ -276,6 +283,30 @@ fn crosswise([a, b, c, d]: [i64; 4]) -> Option<usize> {
         // The lesser label is joined, so the background and everything outside are.
         (true, true) => Some(usize::from(a < b)),
         (is_first, _) => Some(usize::from(is_first)),
+    }
+}
+
+/// Whether the border within a cell is a single disc between two labels: both are connected along the cell's edges.
+fn is_disc(corners: [i64; 8]) -> bool {
+    let mask = (0..8).filter(|i| corners[*i] == corners[0]).fold(0u8, |mask, i| mask | 1 << i);
+    let Some(other) = corners.iter().find(|label| **label != corners[0]) else { return false };
+    let are_two = corners.iter().all(|label| *label == corners[0] || label == other);
+    are_two && is_connected(mask) && is_connected(!mask)
+}
+
+/// Whether some corners of a cell, as a mask, are connected by its edges.
+fn is_connected(corners: u8) -> bool {
+    // The corners at the lower ends of each axis.
+    let lower = [(1, 0x55u8), (2, 0x33), (4, 0x0f)];
+    let mut reached = corners & corners.wrapping_neg();
+    loop {
+        let grown =
+            lower.iter().fold(reached, |all, (shift, lower)| all | (all & lower) << shift | all >> shift & lower)
+                & corners;
+        if grown == reached {
+            return reached == corners;
+        }
+        reached = grown;
     }
 }
 

@@ -11,6 +11,8 @@ pub(crate) struct PatchVertex {
     pub(crate) class: Class,
     /// Rank among the vertices of its class.
     pub(crate) rank: u32,
+    /// Whether decimation keeps it: more than two labels meet there, or the surface is no disc.
+    pub(crate) is_fixed: bool,
 }
 
 /// A block's vertices and triangles, of outward orientation.
@@ -20,4 +22,6 @@ pub(crate) struct Patch {
     pub(crate) ranks: Ranks,
     /// Places among the vertices.
     pub(crate) triangles: Vec<[u32; 3]>,
+    /// The label beyond each triangle; empty for isosurfaces.
+    pub(crate) sheets: Vec<i64>,
 }

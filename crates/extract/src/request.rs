@@ -5,6 +5,9 @@ use brickyard_volume::{Level, VoxelBox};
 /// Most iterations of smoothing: each needs a wider border of voxels around a block.
 pub const MOST_SMOOTHING: u32 = 20;
 
+/// Greatest distance of a decimated mesh, in voxels.
+pub const MOST_DECIMATION_VOXELS: f64 = 4.0;
+
 /// Most labels in a file.
 pub const MOST_LABELS: usize = 1 << 16;
 
@@ -34,6 +37,9 @@ pub struct MeshRequest {
     pub region: Option<VoxelBox>,
     /// Iterations of smoothing; at most [`MOST_SMOOTHING`].
     pub smoothing: u32,
+    /// Decimation: vertices go as long as each of them stays within this distance of the mesh, in voxels (of their smallest edge); above 0 and at most
+    /// [`MOST_DECIMATION_VOXELS`].
+    pub decimation_voxels: Option<f64>,
     /// Whether an existing file may be replaced.
     pub overwrite: bool,
     /// Most anonymous memory for the extraction, in bytes, including the open store's.
@@ -44,6 +50,17 @@ impl MeshRequest {
     /// Requests a surface of level 0 of the first step and channel, whole, without smoothing, within 1 GiB.
     pub fn new(surface: MeshSurface) -> Self {
         let (level, region) = Default::default();
-        Self { surface, level, time: 0, channel: 0, region, smoothing: 0, overwrite: false, memory_bytes: 1 << 30 }
+        let (smoothing, decimation_voxels) = (0, None);
+        Self {
+            surface,
+            level,
+            time: 0,
+            channel: 0,
+            region,
+            smoothing,
+            decimation_voxels,
+            overwrite: false,
+            memory_bytes: 1 << 30,
+        }
     }
 }

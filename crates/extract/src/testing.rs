@@ -183,6 +183,34 @@ impl Ply {
         self.corners().map(|[a, b, c]| 0.5 * (b - a).cross(c - a).length()).sum()
     }
 
+    /// The least cosine between the normals of neighbours.
+    pub(crate) fn sharpest_fold(&self) -> f64 {
+        let mut normals = HashMap::new();
+        for (&[a, b, c], [p, q, r]) in self.triangles.iter().zip(self.corners()) {
+            let normal = (q - p).cross(r - p).normalize();
+            assert!(normal.is_finite());
+            normals.extend([[a, b], [b, c], [c, a]].map(|edge| (edge, normal)));
+        }
+        normals.iter().map(|([a, b], normal)| normal.dot(normals[&[*b, *a]])).fold(1.0, f64::min)
+    }
+
+    /// The distance of a point from the nearest triangle.
+    pub(crate) fn distance(&self, point: DVec3) -> f64 {
+        let of_segment = |from: DVec3, to: DVec3| {
+            let share = ((point - from).dot(to - from) / from.distance_squared(to)).clamp(0.0, 1.0);
+            point.distance(from.lerp(to, share))
+        };
+        let of_triangle = |[a, b, c]: [DVec3; 3]| {
+            let normal = (b - a).cross(c - a).normalize();
+            let is_within = |from: DVec3, to: DVec3| (to - from).cross(point - from).dot(normal) >= 0.0;
+            match is_within(a, b) && is_within(b, c) && is_within(c, a) {
+                true => normal.dot(point - a).abs(),
+                false => of_segment(a, b).min(of_segment(b, c)).min(of_segment(c, a)),
+            }
+        };
+        self.corners().map(of_triangle).fold(f64::INFINITY, f64::min)
+    }
+
     /// The triangles by the bits of their places, beginning at the least corner; sorted.
     pub(crate) fn sorted(&self) -> Vec<[[u64; 3]; 3]> {
         let mut all: Vec<_> = self.corners().map(by_bits).collect();

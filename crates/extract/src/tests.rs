@@ -7,7 +7,7 @@ use crate::testing::{Made, Packed, Ply, by_bits, go_on};
 use brickyard_volume::{Level, VoxelBox};
 use glam::DVec3;
 use proptest::prelude::*;
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::f64::consts::PI;
 use std::ops::ControlFlow;
 
@@ -142,18 +142,20 @@ fn bytes(packed: &Packed, name: &str, request: &MeshRequest) -> Vec<u8> {
 fn bricks_threads_and_memory_do_not_change_the_file() {
     let noise = |voxel| (hashed(voxel, 1) % 200) as u8;
     let blobs = |voxel: [u32; 3]| (hashed(voxel.map(|v| v / 6), 1) % 5) as u8;
-    for (smoothing, surface) in [
-        (0, MeshSurface::Isosurface(100.0)),
-        (2, MeshSurface::Isosurface(100.0)),
-        (3, MeshSurface::Label(2)),
-        (0, MeshSurface::Labels),
+    for (smoothing, decimation_voxels, surface) in [
+        (0, None, MeshSurface::Isosurface(100.0)),
+        (2, None, MeshSurface::Isosurface(100.0)),
+        (3, None, MeshSurface::Label(2)),
+        (0, None, MeshSurface::Labels),
+        (0, Some(0.5), MeshSurface::Isosurface(100.0)),
+        (2, Some(0.25), MeshSurface::Labels),
     ] {
         let is_image = matches!(surface, MeshSurface::Isosurface(_));
         let packed = |edge| match is_image {
             true => Packed::image(&Made::new([70, 37, 41], noise), edge),
             false => Packed::labels(&Made::new([70, 37, 41], blobs), edge),
         };
-        let request = MeshRequest { smoothing, ..MeshRequest::new(surface) };
+        let request = MeshRequest { smoothing, decimation_voxels, ..MeshRequest::new(surface) };
         let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
         let expected = one.install(|| bytes(&packed(16), "a.obj", &request));
         for edge in [8, 64] {
@@ -195,6 +197,89 @@ fn smoothing_keeps_the_volume_and_does_not_depend_on_blocks() {
     }
 }
 
+/// Checks a decimated surface against the whole one and the distance of places from the true surface.
+fn check_decimated(packed: &Packed, request: &MeshRequest, voxels: f64, off: impl Fn(DVec3) -> f64) -> [Ply; 2] {
+    let (whole, _) = packed.ply(request);
+    let (found, report) = packed.ply(&MeshRequest { decimation_voxels: Some(voxels), ..*request });
+    assert_eq!(found.checked(), whole.checked());
+    assert_eq!(report.objects[0].vertices, found.places.len() as u64);
+    assert!((report.objects[0].volume / found.volume() - 1.0).abs() < 1e-4);
+    // Hausdorff's distance both ways: from the vertices that have gone, and from triangles.
+    for place in whole.places.iter().step_by(17) {
+        assert!(found.distance(*place) < voxels + 1e-4, "{place}: {}", found.distance(*place));
+    }
+    for [a, b, c] in found.corners() {
+        for place in [a, (a + b) / 2.0, (a + b + c) / 3.0] {
+            assert!(off(place).abs() < 1.5 * voxels + 0.05, "{place}: {}", off(place));
+        }
+    }
+    assert!(found.sharpest_fold() >= -0.3, "{}", found.sharpest_fold());
+    [whole, found]
+}
+
+#[test]
+fn decimated_spheres_and_tori_stay_within_the_tolerance() {
+    let (centre, radius) = (DVec3::new(55.2, 50.7, 53.1), 46.3);
+    let sphere = Packed::image(&Made::new([112, 104, 108], within_sphere(centre, radius)), 32);
+    // Shares of triangles and of the volume: a chord within a tolerance of the sphere cuts off about half of it.
+    for (voxels, most_share, volume_share) in [(0.05, 0.12, 2e-3), (0.3, 0.025, 0.012), (1.0, 0.01, 0.035)] {
+        let off = |place: DVec3| (place - centre).length() - radius;
+        let [whole, found] = check_decimated(&sphere, &isosurface(0.0), voxels, off);
+        let share = found.triangles.len() as f64 / whole.triangles.len() as f64;
+        assert!(share < most_share, "{voxels}: {share} of the triangles");
+        let expected = 4.0 / 3.0 * PI * radius.powi(3);
+        assert!((found.volume() / expected - 1.0).abs() < volume_share, "{voxels}: {}", found.volume() / expected);
+    }
+    let (centre, around, across) = (DVec3::splat(40.0), 26.0, 9.0);
+    let off = move |p: DVec3| ((p - centre).truncate().length() - around).hypot(p.z - centre.z) - across;
+    let torus = Packed::image(&Made::new([81, 81, 81], move |voxel| -off(at(voxel)) as f32), 16);
+    let [whole, found] = check_decimated(&torus, &isosurface(0.0), 0.2, off);
+    assert_eq!(found.checked(), 0);
+    assert!(
+        found.triangles.len() * 12 < whole.triangles.len(),
+        "{} of {}",
+        found.triangles.len(),
+        whole.triangles.len()
+    );
+    assert!((found.volume() / (2.0 * PI * PI * around * across * across) - 1.0).abs() < 0.03);
+}
+
+#[test]
+fn tolerances_are_of_the_smallest_edge_of_voxels() {
+    let (centre, radius) = (DVec3::new(35.2, 30.7, 33.1), 26.3);
+    let (spacing, origin) = (DVec3::new(2.0, 0.5, 3.0), DVec3::new(5.0, -7.0, 11.0));
+    let sphere = Made::new([72, 64, 68], within_sphere(centre, radius)).spaced(spacing, origin);
+    let off = |place: DVec3| (((place - origin) / spacing - centre).length() - radius) * 0.5;
+    let packed = Packed::image(&sphere, 32);
+    let (whole, _) = packed.ply(&isosurface(0.0));
+    let (found, _) = packed.ply(&MeshRequest { decimation_voxels: Some(0.5), ..isosurface(0.0) });
+    assert_eq!(found.checked(), 2);
+    let farthest = whole.places.iter().step_by(3).map(|place| found.distance(*place)).fold(0.0, f64::max);
+    assert!(farthest > 0.2 && farthest < 0.25 + 1e-4, "{farthest}");
+    assert!(found.places.iter().all(|place| off(*place).abs() < 0.05));
+    assert!(found.triangles.len() * 8 < whole.triangles.len());
+}
+
+#[test]
+fn even_faces_of_labels_become_few_triangles() {
+    // Two boxes beside each other, across several blocks.
+    let label = |[x, y, z]: [u32; 3]| match (5..75).contains(&y) && (5..70).contains(&z) {
+        true if (5..50).contains(&x) => 1u8,
+        true if (50..90).contains(&x) => 2,
+        _ => 0,
+    };
+    let packed = Packed::labels(&Made::new([95, 80, 75], label), 32);
+    for label in [1, 2] {
+        let request = MeshRequest { decimation_voxels: Some(0.1), ..MeshRequest::new(MeshSurface::Label(label)) };
+        let (found, _) = packed.ply(&request);
+        assert_eq!(found.checked(), 2);
+        // Their common border's rim stays: 2 times 70 and 65 edges.
+        assert!(found.triangles.len() > 270 && found.triangles.len() < 900, "{label}: {}", found.triangles.len());
+        let expected = [45.0, 40.0][label as usize - 1] * 70.0 * 65.0;
+        assert!((found.volume() / expected - 1.0).abs() < 1e-3, "{}", found.volume() / expected);
+    }
+}
+
 #[test]
 fn labels_are_closed_and_share_their_borders() {
     // Blobs, thin parts and single voxels, over several blocks.
@@ -204,11 +289,15 @@ fn labels_are_closed_and_share_their_borders() {
     };
     let extent = [45, 38, 36];
     let packed = Packed::labels(&Made::new(extent, label), 16);
-    for smoothing in [0, 1, 4] {
+    for (smoothing, decimation_voxels) in [(0, None), (1, None), (4, None), (0, Some(1.0)), (4, Some(0.3))] {
         let mut sides = HashMap::<[[u64; 3]; 3], i32>::new();
         let mut volume = 0.0;
         for label in 0..4 {
-            let (found, report) = packed.ply(&MeshRequest { smoothing, ..MeshRequest::new(MeshSurface::Label(label)) });
+            let (found, report) = packed.ply(&MeshRequest {
+                smoothing,
+                decimation_voxels,
+                ..MeshRequest::new(MeshSurface::Label(label))
+            });
             found.checked();
             assert!(found.volume() > 0.0);
             volume += report.objects[0].volume;
@@ -228,7 +317,7 @@ fn labels_are_closed_and_share_their_borders() {
             };
             assert!((0..3).any(on_border), "{places:?}");
         }
-        if smoothing == 0 {
+        if smoothing == 0 && decimation_voxels.is_none() {
             assert!((volume - (45 * 38 * 36) as f64).abs() < 1e-6, "{volume}");
         }
     }
@@ -238,8 +327,11 @@ fn labels_are_closed_and_share_their_borders() {
 fn all_labels_are_the_single_ones_as_objects() {
     let label = |voxel: [u32; 3]| (hashed(voxel.map(|v| v / 9), 4) % 6) as u8;
     let packed = Packed::labels(&Made::new([50, 40, 37], label), 8);
-    let request = MeshRequest { smoothing: 2, ..MeshRequest::new(MeshSurface::Labels) };
-    for name in ["all.glb", "all.obj"] {
+    let whole = MeshRequest { smoothing: 2, ..MeshRequest::new(MeshSurface::Labels) };
+    let decimated = MeshRequest { decimation_voxels: Some(0.4), ..whole };
+    for (name, request) in
+        [("all.glb", whole), ("all.obj", whole), ("decimated.obj", decimated), ("decimated.glb", decimated)]
+    {
         let path = packed.folder.path().join(name);
         let report = mesh(&packed.store, &path, &request, go_on).unwrap();
         assert_eq!(report.objects.iter().map(|object| object.label).collect::<Vec<_>>(), [1, 2, 3, 4, 5].map(Some));
@@ -315,6 +407,10 @@ fn refusals_say_what_to_do_and_leave_nothing() {
     assert!(attempt(&labels, "a.ply", MeshRequest::new(MeshSurface::Label(7))).contains("label 7"));
     assert!(attempt(&labels, "a.stl", MeshRequest::new(MeshSurface::Labels)).contains(".obj or .glb"));
     assert!(attempt(&packed, "a.ply", MeshRequest { smoothing: 21, ..request }).contains("at most 20"));
+    for voxels in [0.0, -1.0, 4.5, f64::NAN] {
+        let request = MeshRequest { decimation_voxels: Some(voxels), ..request };
+        assert!(attempt(&packed, "a.ply", request).contains("more than 0 and at most 4"), "{voxels}");
+    }
     assert!(attempt(&packed, "no/a.ply", request).contains("No such file"));
     let cancelled = mesh(&packed.store, &out.path().join("a.ply"), &request, |_, _| ControlFlow::Break(()));
     assert!(matches!(cancelled, Err(MeshError::Cancelled { .. })));
@@ -346,7 +442,7 @@ proptest! {
     #[test]
     fn isosurfaces_of_noise_are_closed(
         extent in prop::array::uniform3(1u32..9), seed in any::<u64>(), values in 2u64..6, isovalue in 0.0f64..5.0, whole in any::<bool>(),
-        smoothing in 0u32..3,
+        smoothing in 0u32..3, decimation in prop::option::of(0.05f64..4.0),
     ) {
         let isovalue = if whole { isovalue.floor() } else { isovalue };
         let value = move |voxel| match hashed(voxel, seed) % (values + 1) {
@@ -355,7 +451,7 @@ proptest! {
         };
         let packed = Packed::image(&Made::new(extent, value), 8);
         let path = packed.folder.path().join("mesh.ply");
-        let request = MeshRequest { smoothing, ..isosurface(isovalue) };
+        let request = MeshRequest { smoothing, decimation_voxels: decimation, ..isosurface(isovalue) };
         let is_inside = |voxel: [i64; 3]| {
             let covered = (0..3).all(|a| (0..i64::from(extent[a])).contains(&voxel[a]));
             covered && f64::from(value(voxel.map(|v| v as u32))) >= isovalue
@@ -373,10 +469,21 @@ proptest! {
         match mesh(&packed.store, &path, &request, go_on) {
             Ok(_) => {
                 let found = Ply::read(&std::fs::read(path).unwrap());
-                found.checked();
-                prop_assert_eq!(found.places.len(), crossed);
-                if smoothing == 0 {
-                    prop_assert!(found.volume() > 0.0);
+                let euler = found.checked();
+                if let Some(voxels) = decimation {
+                    let whole = MeshRequest { decimation_voxels: None, ..request };
+                    let (whole, _) = packed.ply(&whole);
+                    prop_assert_eq!(euler, whole.checked());
+                    let places: HashSet<_> = whole.places.iter().map(|place| place.to_array().map(f64::to_bits)).collect();
+                    prop_assert!(found.places.iter().all(|place| places.contains(&place.to_array().map(f64::to_bits))));
+                    for place in &whole.places {
+                        prop_assert!(found.distance(*place) < voxels + 1e-5);
+                    }
+                } else {
+                    prop_assert_eq!(found.places.len(), crossed);
+                    if smoothing == 0 {
+                        prop_assert!(found.volume() > 0.0);
+                    }
                 }
             }
             Err(MeshError::Empty(_)) => prop_assert_eq!(crossed, 0),
@@ -387,12 +494,14 @@ proptest! {
     #[test]
     fn labels_of_noise_are_closed(
         extent in prop::array::uniform3(1u32..7), seed in any::<u64>(), labels in 2u64..5, smoothing in 0u32..3,
+        decimation_voxels in prop::option::of(0.05f64..4.0),
     ) {
         let value = move |voxel| (hashed(voxel, seed) % labels) as i32 - 1;
         let packed = Packed::labels(&Made::new(extent, value), 8);
         for label in -1..labels as i64 - 1 {
             let path = packed.folder.path().join("mesh.ply");
-            let request = MeshRequest { smoothing, overwrite: true, ..MeshRequest::new(MeshSurface::Label(label)) };
+            let request =
+                MeshRequest { smoothing, decimation_voxels, overwrite: true, ..MeshRequest::new(MeshSurface::Label(label)) };
             match mesh(&packed.store, &path, &request, go_on) {
                 Ok(report) => {
                     let found = Ply::read(&std::fs::read(path).unwrap());

@@ -2,7 +2,7 @@
 
 use brickyard_store::Store;
 use brickyard_volume::{Level, VoxelBox};
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 
 /// Least distance of an isosurface's vertex from the voxels at both ends of its edge, in voxels. So no two vertices meet, also where a voxel equals the
 /// isovalue, and 32-bit coordinates tell vertices apart up to 8192 voxels from the origin.
@@ -15,7 +15,8 @@ pub(crate) struct World {
     steps: [DVec3; 3],
     /// Whether the map turns faces inside out.
     pub(crate) mirrors: bool,
-    least_step: f64,
+    /// Least edge of a voxel.
+    pub(crate) least_step: f64,
 }
 
 impl World {
@@ -34,6 +35,12 @@ impl World {
     pub(crate) fn place(&self, index: DVec3) -> DVec3 {
         let [x, y, z] = self.steps;
         self.first + index.x * x + index.y * y + index.z * z
+    }
+
+    /// The continuous index of a place: the inverse of [`place`](Self::place).
+    pub(crate) fn index(&self, place: DVec3) -> DVec3 {
+        let [x, y, z] = self.steps;
+        DMat3::from_cols(x, y, z).inverse() * (place - self.first)
     }
 
     /// Whether 32-bit coordinates keep apart all vertices of surfaces in this box of voxels.
