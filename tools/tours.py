@@ -9,7 +9,7 @@ A line `...` of the page stands for any lines. Times, rates and the line of the 
 its exit code: `echo $?`. A comment `<!-- picture: NAME.png = A.png B.png -->` puts pictures side by side into docs/images/NAME.png.
 
 `--write` puts what was really said into the page, where it differs. `--only WORD` runs the chapters whose heading has the word.
-The Python that runs this needs numpy, pillow, tifffile, pydicom, h5py and zarr: target/python/bin/python after `tools/setup python`.
+The Python that runs this needs numpy, pillow, tifffile, pydicom, h5py, zarr and SimpleITK: target/python/bin/python after `tools/setup python`.
 """
 import argparse
 import os
