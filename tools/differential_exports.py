@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
 """Random stores, exported by brickyard to every format, and opened by other programs: voxels bit for bit, three corners' places, names and times.
 
-    pip install nibabel numpy pillow pynrrd SimpleITK tifffile vtk
+    pip install ngff-zarr nibabel numpy ome-zarr ome-zarr-models pillow pynrrd SimpleITK tifffile vtk zarr
     tools/differential_exports.py --brickyard target/release/brickyard --count 200 --seed 1
 
 Each case packs a raw file of noise with a text that places it, then exports a box of a level, of some channels and steps, to every format. Files are also
-packed again, and compared with the export to .npy. Prints each difference, and counts of files: equal, refused, wrong.
+packed again, and compared with the export to .npy; coarser levels of OME-Zarr are compared with means. Prints each difference, and counts of files: equal, refused, wrong.
 """
 
 import argparse
@@ -17,19 +17,24 @@ import sys
 import tempfile
 import xml.etree.ElementTree
 
+import ngff_zarr
 import nibabel
 import nrrd
 import numpy as np
+import ome_zarr.io
+import ome_zarr.reader
+import ome_zarr_models
 import PIL.Image
 import SimpleITK
 import tifffile
 import vtk
+import zarr
 from vtk.util.numpy_support import vtk_to_numpy
 
 DTYPES = {"u8": "u1", "i8": "i1", "u16": "u2", "i16": "i2", "u32": "u4", "i32": "i4", "f32": "f4"}
 METRES = {"millimeter": 1e-3, "micrometer": 1e-6, "nanometer": 1e-9, "meter": 1.0, "inch": 0.0254, None: 1e-3}
 SECONDS = {"second": 1.0, "millisecond": 1e-3, "hour": 3600.0}
-FORMATS = ["npy", "nii", "nii.gz", "nrrd", "mha", "mhd", "vti", "tif", "ome.tif", "/", "raw"]
+FORMATS = ["npy", "nii", "nii.gz", "nrrd", "mha", "mhd", "vti", "tif", "ome.tif", "/", "raw", "0.4.zarr", "0.5.zarr", "0.6.zarr"]
 LPS_FROM_RAS = np.diag([-1.0, -1.0, 1.0])
 
 
@@ -166,7 +171,8 @@ class Case:
         name = "b/" if end == "/" else f"b.{end}"
         if end == "/":
             subprocess.run(["rm", "-rf", self.folder / "b"], check=True)
-        done = self.run("export", "s.zarr", name, *([] if end == "/" else ["--overwrite"]), *self.flags, may_fail=True)
+        version = ["--ngff", end[:3]] if end.endswith(".zarr") else []
+        done = self.run("export", "s.zarr", name, *([] if end == "/" else ["--overwrite"]), *self.flags, *version, may_fail=True)
         channels, steps = self.expected.shape[1], self.expected.shape[0]
         may = {
             "mha": channels == 1, "mhd": channels == 1, "vti": steps == 1,
@@ -175,6 +181,9 @@ class Case:
         expect(may == (done.returncode == 0), name, "refused" if may else "not refused", done.stderr)
         if not may:
             return True
+        if version:
+            self.check_zarr(self.folder / name, end[:3])
+            return False
         getattr(self, "check_" + {"nii.gz": "nii", "mhd": "mha", "/": "png", "ome.tif": "ome"}.get(end, end))(self.folder / name)
         if end != "npy":
             self.check_again(name, end)
@@ -298,9 +307,72 @@ class Case:
             found = float(pixels.get("TimeIncrement")), pixels.get("TimeIncrementUnit")
             expect(found == (0.25, {"second": "s", "millisecond": "ms", "hour": "h"}[self.time_unit]), path.name, found)
 
+    def check_zarr(self, path, version):
+        group = zarr.open_group(path, mode="r")
+        attributes = dict(group.attrs)
+        ome = attributes.get("ome", attributes)
+        multiscale = ome["multiscales"][0]
+        levels = [group[dataset["path"]][...] for dataset in multiscale["datasets"]]
+        axes = [axis["name"] for axis in multiscale.get("axes") or multiscale["coordinateSystems"][0]["axes"]]
+        expected = self.expected.squeeze(tuple(i for i, name in enumerate("tc") if name not in axes))
+        expect(same(levels[0], expected), path.name, "voxels", levels[0].shape)
+        places = [transform_of(dataset) for dataset in multiscale["datasets"]]
+        for k in range(1, len(levels)):
+            factors = np.round(places[k][0] / places[k - 1][0]).astype(int)
+            expect(same(levels[k], reduced(levels[k - 1], factors)), path.name, "level", k, factors)
+            expect(np.allclose(places[k][1] - places[0][1], (places[k][0] - places[0][0]) / 2), path.name, "translation", k, places)
+        scale, translation = (numbers[-3:] for numbers in places[0])
+        place = lambda at: (at[:, ::-1] * scale + translation)[:, ::-1]
+        unit = METRES[self.unit]
+        transforms = multiscale.get("coordinateTransformations")
+        is_turned = self.place in ["upright", "turned", "mirrored", "sheared"]
+        expect((transforms is not None) == (is_turned and version == "0.6"), path.name, transforms)
+        if transforms:
+            affine = np.array(transforms[0]["affine"])[-3:, -4:]
+            physical = place
+            place = lambda at: (physical(at)[:, ::-1] @ affine[:, :3].T + affine[:, 3])[:, ::-1]
+            unit = 1e-3
+        if transforms or not is_turned:
+            self.check_place(place, unit, path.name)
+        else:
+            spacing = np.linalg.norm(self.part[:3, :3], axis=0)
+            expect(np.allclose(scale[::-1], spacing, rtol=1e-6), path.name, "spacing", scale, spacing)
+        if "t" in axes and self.even_times():
+            said = np.array([numbers[0] for numbers in places[0]]) * SECONDS[self.time_unit]
+            expect(np.allclose(said, self.even_times()), path.name, "times", said)
+        if self.part_names:
+            expect([c["label"] for c in ome["omero"]["channels"]] == self.part_names, path.name, ome["omero"])
+        image = ngff_zarr.from_ngff_zarr(str(path), validate=version != "0.6")
+        for found, level, (scale, translation) in zip(image.images, levels, places, strict=True):
+            expect(same(np.asarray(found.data), level), path.name, "ngff-zarr: voxels")
+            expect([found.scale[a] for a in "zyx"] == scale[-3:].tolist(), path.name, "ngff-zarr", found.scale, scale)
+            expect([found.translation[a] for a in "zyx"] == translation[-3:].tolist(), path.name, "ngff-zarr", found.translation)
+            if self.unit and version != "0.6":
+                expect(found.axes_units["x"] == self.unit, path.name, "ngff-zarr", found.axes_units)
+        if version != "0.6":
+            ome_zarr_models.open_ome_zarr(group)
+            [node] = ome_zarr.reader.Reader(ome_zarr.io.parse_url(path))()
+            expect(all(same(np.asarray(a), b) for a, b in zip(node.data, levels, strict=True)), path.name, "ome-zarr: voxels")
+
     def check_png(self, path):
         planes = [np.asarray(PIL.Image.open(p)) for p in sorted(path.iterdir())]
         expect(same(np.stack(planes).astype(self.expected.dtype)[None, None], self.expected), path.name, "voxels")
+
+
+def transform_of(dataset):
+    """Scale and translation of a level."""
+    transforms = dataset["coordinateTransformations"]
+    if transforms[0]["type"] == "sequence":
+        transforms = transforms[0]["transformations"]
+    return np.array(transforms[0]["scale"], float), np.array(transforms[1]["translation"], float)
+
+
+def reduced(fine, factors):
+    """Means of boxes, the last voxels repeated; of integers rounded to nearest, ties to even."""
+    padded = np.pad(fine.astype("f8"), [(0, -n % f) for n, f in zip(fine.shape, factors)], mode="edge")
+    boxes = padded.reshape([size for n, f in zip(padded.shape, factors) for size in (n // f, f)])
+    means = boxes.mean(axis=tuple(range(1, boxes.ndim, 2)))
+    return (means if fine.dtype.kind == "f" else np.rint(means)).astype(fine.dtype)
 
 
 def channels_one(array):

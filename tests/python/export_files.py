@@ -1,4 +1,4 @@
-"""Files exported by brickyard, opened by nibabel, SimpleITK, tifffile, Pillow and numpy: the same voxels, in the same places, with their names and times."""
+"""Files exported by brickyard, opened by nibabel, SimpleITK, tifffile, Pillow, numpy, zarr-python and tensorstore: the same voxels, in the same places, with their names and times."""
 
 import json
 import xml.etree.ElementTree
@@ -7,7 +7,9 @@ import nibabel
 import numpy as np
 import PIL.Image
 import SimpleITK
+import tensorstore
 import tifffile
+import zarr
 
 from common import FOLDER, brickyard, check, info, run_cases, same_bits
 
@@ -126,6 +128,63 @@ def texts():
     check(json.loads((FOLDER / "b.raw.json").read_text())["unit"] == "millimeter", "unit")
 
 
+def ome_of(folder):
+    attributes = dict(zarr.open_group(folder, mode="r").attrs)
+    return attributes.get("ome", attributes)
+
+
+def level_of(folder, version, path):
+    """A level's array by zarr-python, which tensorstore reads alike."""
+    array = zarr.open_array(folder / path, mode="r")
+    found = array[...]
+    driver = "zarr" if version == "0.4" else "zarr3"
+    store = tensorstore.open({"driver": driver, "kvstore": {"driver": "file", "path": str(folder / path)}}).result()
+    check(array.metadata.zarr_format == (2 if version == "0.4" else 3), folder.name, array.metadata.zarr_format)
+    check(same_bits(found, store.read().result()), folder.name, path, "zarr-python and tensorstore differ")
+    return found
+
+
+def transform_of(dataset):
+    """Scale and translation of a level."""
+    transforms = dataset["coordinateTransformations"]
+    if transforms[0]["type"] == "sequence":
+        transforms = transforms[0]["transformations"]
+    return np.array(transforms[0]["scale"]), np.array(transforms[1]["translation"])
+
+
+def zarrs():
+    """OME-Zarr of every version: levels bit for bit, and places, of a patient where the version has them."""
+    x0, x1, y0, y1, z0, z1 = BOX
+    for dtype in ["i2", "u1", "f4", "i1"]:
+        array, matrix = packed(dtype), turned()
+        for version in ["0.4", "0.5", "0.6"]:
+            folder = export(f"z{version}.ome.zarr", "--ngff", version)
+            datasets = ome_of(folder)["multiscales"][0]["datasets"]
+            check(len(datasets) > 1, datasets)
+            for k, dataset in enumerate(datasets):
+                expected = np.load(export("level.npy", "--level", k))
+                check(same_bits(level_of(folder, version, dataset["path"]), expected), version, "level", k)
+                factors = 2.0 ** np.round(np.log2(np.array(array.shape) / expected.shape))
+                scale, translation = transform_of(dataset)
+                check(np.allclose(scale, factors * [2.0, 0.65, 0.5]), version, k, scale)
+                first = transform_of(datasets[0])
+                check(np.allclose(translation - first[1], (scale - first[0]) / 2), version, k, translation)
+            folder = export(f"z{version}.ome.zarr", "--ngff", version, "--roi", f"{x0}:{x1},{y0}:{y1},{z0}:{z1}")
+            part = array[z0:z1, y0:y1, x0:x1]
+            check(same_bits(level_of(folder, version, "0"), part), version, "box")
+            if version == "0.6":
+                multiscale = ome_of(folder)["multiscales"][0]
+                affine = np.array(multiscale["coordinateTransformations"][0]["affine"])
+                scale, translation = transform_of(multiscale["datasets"][0])
+                place = lambda at: ((at[:, ::-1] * scale + translation) @ affine[:, :3].T + affine[:, 3])[:, ::-1]
+                moved = matrix.copy()
+                moved[:3, 3] = (matrix @ [x0, y0, z0, 1])[:3]
+                check_place(place, moved, part.T.shape, "0.6")
+    done = json.loads((FOLDER / "z0.5.ome.zarr" / "zarr.json").read_text())
+    check(done["attributes"]["brickyard"]["orientation"] is not None, "0.5")
+    brickyard("verify", "z0.5.ome.zarr", "--progress", "none")
+
+
 def series():
     """Channels with names and colours, in steps half a second apart."""
     array = RANDOM.integers(0, 60000, (3, 5, 2, 20, 30), "u2")
@@ -153,6 +212,14 @@ def series():
         check(len(said["LUTs"]) == 2 and said["LUTs"][0][:, 255].tolist() == [0, 0, 255], said["LUTs"])
         numerator, denominator = file.pages[0].tags["XResolution"].value
         check(abs(denominator / numerator - 0.65) < 1e-9, numerator, denominator)
+    for version in ["0.4", "0.5", "0.6"]:
+        folder = export(f"d{version}.ome.zarr", "--ngff", version, *everything)
+        ome = ome_of(folder)
+        check(same_bits(level_of(folder, version, "0"), array.transpose(0, 2, 1, 3, 4)), version)
+        scale, translation = transform_of(ome["multiscales"][0]["datasets"][0])
+        check(np.allclose(scale, [0.5, 1, 2, 0.65, 0.65]) and not translation.any(), version, scale, translation)
+        channels = [(c["label"], c["color"]) for c in ome["omero"]["channels"]]
+        check(channels == [("DAPI", "0000FF"), ("GFP & <b>", "00FF00")], channels)
     image = nibabel.load(export("d.nii", *everything))
     check(same_bits(np.asarray(image.dataobj), array.transpose(4, 3, 1, 0, 2)), "nii", image.shape)
     check(image.header.get_xyzt_units() == ("micron", "sec") and abs(image.header["pixdim"][4] - 0.5) < 1e-6, "nii times")
@@ -164,4 +231,4 @@ def series():
     check(same_bits(SimpleITK.GetArrayFromImage(found), array[:, :, 1]) and found.GetSpacing()[3] == 0.5, "mha", found.GetSpacing())
 
 
-run_cases({"places": places, "pictures": pictures, "texts": texts, "series": series})
+run_cases({"places": places, "pictures": pictures, "texts": texts, "zarrs": zarrs, "series": series})

@@ -22,7 +22,7 @@ pub(super) fn advised<E: Advice>(error: &E) -> String {
 
 /// The library's options whose flags have the same names.
 const ALIKE: &str = "allow_lossy aprons axes channel channel_bytes channels codec component downsample flip gaps kind level memory name \
-    nodata offset order origin overwrite resume roi shape spacing step_bytes take_channel take_time time time_stamps \
+    ngff nodata offset order origin overwrite resume roi shape spacing step_bytes take_channel take_time time time_stamps \
     time_step time_unit times unit value_unit variable";
 
 /// The library's other options, with the command's flags for them.

@@ -8,7 +8,7 @@ use super::say::say;
 use super::step_range::StepRange;
 use super::{Failure, heading, store_errors, values};
 use crate::advice::with_flags;
-use brickyard::export::{self, ExportChannels, ExportRequest, ExportTime, Exported};
+use brickyard::export::{self, ExportChannels, ExportRequest, ExportTime, Exported, Ngff};
 use brickyard::store::Store;
 use brickyard::volume::{Extent, Level, VoxelBox, counted};
 use clap::Args;
@@ -20,7 +20,7 @@ use std::sync::Arc;
 pub(crate) struct ExportArguments {
     /// The store
     store: PathBuf,
-    /// The output, whose name tells the format: .nii, .nii.gz, .nrrd, .mha, .mhd, .vti, .tif (ImageJ), .ome.tif, .npy, .raw (with
+    /// The output, whose name tells the format: .zarr (OME-Zarr), .nii, .nii.gz, .nrrd, .mha, .mhd, .vti, .tif (ImageJ), .ome.tif, .npy, .raw (with
     /// a text for pack beside it), or a folder's name ending in / for PNG planes
     output: PathBuf,
     /// Level; 0 is the finest
@@ -35,10 +35,13 @@ pub(crate) struct ExportArguments {
     /// Channel by number or name; or several, as in 0,DAPI, or all, with an axis of channels [default: 0]
     #[arg(help_heading = heading::READ, long, value_name = "C[,C...]|all")]
     channel: Option<String>,
+    /// Version of OME-Zarr: 0.4, 0.5 or 0.6 [default: 0.5]
+    #[arg(help_heading = heading::OUTPUT, long, value_name = "VERSION")]
+    ngff: Option<Ngff>,
     /// Limit of the process's own memory
     #[arg(help_heading = heading::WORK, long, value_name = "BYTES", default_value = "1GiB", value_parser = values::bytes)]
     memory: u64,
-    /// Replace an existing file
+    /// Replace an existing file, or an OME-Zarr of this program
     #[arg(help_heading = heading::OUTPUT, long)]
     overwrite: bool,
     /// How to show progress
@@ -76,6 +79,7 @@ pub(crate) fn run(arguments: &ExportArguments) -> Result<(), Failure> {
         channels: channels.unwrap_or_default(),
         level: Level(arguments.level),
         region: arguments.roi,
+        ngff: arguments.ngff,
         overwrite: arguments.overwrite,
         memory_bytes: arguments.memory,
     };

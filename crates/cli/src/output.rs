@@ -61,7 +61,11 @@ pub(crate) fn may_write_array(path: &Path, overwrite: bool) -> Result<(), Failur
         return Err(Failure::usage(format!("{}: {advice}", path.display())));
     }
     let files = paths_of(path).ok_or_else(|| Failure::usage(ExportError::Extension { path: path.into() }))?;
-    files.iter().try_for_each(|file| may_write_file(file, overwrite))
+    match Format::of(path) {
+        // Whether it may be replaced is seen with its content.
+        Some(Format::Zarr) if path.is_dir() => check_outside(path).map_err(Failure::usage),
+        _ => files.iter().try_for_each(|file| may_write_file(file, overwrite)),
+    }
 }
 
 /// Checks whether a mesh may be written here: as [`may_write`], and it is a file of a supported type, in an existing

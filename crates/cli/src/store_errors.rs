@@ -163,6 +163,7 @@ pub(crate) fn repair_failure(error: RepairError, store: &Path) -> Failure {
 
 pub(crate) fn export_failure(error: ExportError) -> Failure {
     let kind = match &error {
+        ExportError::Pack(error) => pack_kind(error),
         ExportError::Read(_) | ExportError::Source(_) => ExitKind::BadInput,
         ExportError::Io { .. } | ExportError::Threads(_) => ExitKind::Failed,
         // Only Ctrl-C cancels.

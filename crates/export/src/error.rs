@@ -1,12 +1,12 @@
 //! Errors of exports, grouped by the caller's remedy.
 
 use brickyard_import::ImportError;
-use brickyard_store::{InsideStore, ReadError};
+use brickyard_store::{InsideStore, PackError, ReadError};
 use std::path::{Path, PathBuf};
 
 /// Ends of names with a format, for messages.
 const NAMES: &str =
-    ".nii, .nii.gz, .nrrd, .mha, .mhd, .vti, .tif, .ome.tif, .npy, .raw or, for a folder of PNG planes, /";
+    ".zarr, .nii, .nii.gz, .nrrd, .mha, .mhd, .vti, .tif, .ome.tif, .npy, .raw or, for a folder of PNG planes, /";
 
 /// Why an export failed. Afterwards no new file has the output's name.
 #[derive(Debug, thiserror::Error)]
@@ -67,6 +67,9 @@ pub enum ExportError {
     /// A brick could not be read.
     #[error(transparent)]
     Read(#[from] ReadError),
+    /// An OME-Zarr could not be packed.
+    #[error(transparent)]
+    Pack(PackError),
     /// A source other than a store could not be read.
     #[error(transparent)]
     Source(ImportError),

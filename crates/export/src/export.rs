@@ -13,8 +13,9 @@ use crate::png;
 use crate::request::{ExportChannels, ExportRequest, ExportTime};
 use crate::store_source::StoreSource;
 use crate::volume::Volume;
+use crate::zarr::{self, Written};
 use brickyard_import::{ChannelChoice, OpenOptions, Source, StepChoice, take};
-use brickyard_store::{Kind, Store};
+use brickyard_store::{Destination, Kind, Store};
 use brickyard_volume::{Extent, VoxelBox};
 use std::fs::File;
 use std::io::BufWriter;
@@ -49,6 +50,9 @@ pub fn export(
 ) -> Result<Exported, ExportError> {
     let region = request.checked_region(store)?;
     let format = Format::of(output).ok_or_else(|| ExportError::Extension { path: output.into() })?;
+    if request.ngff.is_some() && format != Format::Zarr {
+        return Err(ExportError::unfit(output, "`ngff` is for names ending in .zarr: choose one, or leave it out"));
+    }
     let source = part_of(store, output, request, region)?;
     let info = source.info();
     let volume = Volume {
@@ -57,6 +61,7 @@ pub fn export(
         is_labels: store.info().kind == Kind::Labels,
         has_channel_axis: !matches!(request.channels, ExportChannels::One(_)),
         has_time_axis: !matches!(request.time, ExportTime::Step(_)),
+        ngff: request.ngff.unwrap_or_default(),
         output,
     };
     let plan = format.plan(&volume)?;
@@ -73,6 +78,10 @@ pub fn export(
             let folder = create_folder(&path)?;
             png::write(&job, folder.path())?;
             keep_folder(folder, &path)?;
+        }
+        &Body::Zarr(version) => {
+            let place = zarr_place(store, output, request.overwrite)?;
+            zarr::write(&job, &Written { store, version, place: &place })?;
         }
     }
     Ok(exported)
@@ -97,6 +106,16 @@ fn part_of(
         ..OpenOptions::default()
     };
     Ok(take(Box::new(level), &options, store.path())?)
+}
+
+/// The place of an OME-Zarr, which is not the exported store's.
+fn zarr_place(store: &Store, output: &Path, overwrite: bool) -> Result<Destination, ExportError> {
+    let place = Destination::new(output, overwrite).map_err(|error| zarr::of_pack(output, error))?;
+    let is_store = [place.path(), store.path()].map(|path| path.canonicalize().ok());
+    if is_store[0].is_some() && is_store[0] == is_store[1] {
+        return Err(ExportError::unfit(output, "is the exported store itself: choose another name"));
+    }
+    Ok(place)
 }
 
 /// Writes a file, and the text beside it.

@@ -111,17 +111,21 @@ impl Fact {
 
 /// A sentence on the volume's facts left out by a format; `None` if there are none.
 pub(crate) fn lost(volume: &Volume, format: &str, kept: &[Fact]) -> Option<String> {
+    lost_in_words(volume, kept).map(|list| format!("{format} cannot keep {list}: left out."))
+}
+
+/// The volume's facts besides the kept ones, as a list in words; `None` if there are none.
+pub(crate) fn lost_in_words(volume: &Volume, kept: &[Fact]) -> Option<String> {
     let is_said = |fact: &Fact| {
         let has_part = fact.of_what().is_none_or(|wholes| wholes.iter().any(|whole| kept.contains(whole)));
         !kept.contains(fact) && has_part
     };
     let lost: Vec<String> = Fact::ALL.iter().filter(|fact| is_said(fact)).filter_map(|fact| fact.of(volume)).collect();
-    let list = match &lost[..] {
-        [] => return None,
-        [one] => one.clone(),
-        [first @ .., last] => format!("{} and {last}", first.join(", ")),
-    };
-    Some(format!("{format} cannot keep {list}: left out."))
+    match &lost[..] {
+        [] => None,
+        [one] => Some(one.clone()),
+        [first @ .., last] => Some(format!("{} and {last}", first.join(", "))),
+    }
 }
 
 /// Most bytes of a moment that readers take.

@@ -4,7 +4,7 @@ use crate::error::ExportError;
 use crate::metaimage::data_beside;
 use crate::plan::Plan;
 use crate::volume::Volume;
-use crate::{imagej, metaimage, nifti, npy, nrrd, ome, png, raw, vti};
+use crate::{imagej, metaimage, nifti, npy, nrrd, ome, png, raw, vti, zarr};
 use std::path::Path;
 
 /// A written format.
@@ -32,11 +32,13 @@ pub enum Format {
     OmeTiff,
     /// A folder of PNG pictures.
     Png,
+    /// OME-Zarr, a folder of arrays.
+    Zarr,
 }
 
 impl Format {
     /// Ends of names, longer ones first, with the format of each.
-    const ENDS: [(&str, Self); 13] = [
+    const ENDS: [(&str, Self); 15] = [
         (".ome.tiff", Self::OmeTiff),
         (".ome.tif", Self::OmeTiff),
         (".nii.gz", Self::NiftiGz),
@@ -49,6 +51,8 @@ impl Format {
         (".tif", Self::Tiff),
         (".npy", Self::Npy),
         (".raw", Self::Raw),
+        (".zarr", Self::Zarr),
+        (".zarr/", Self::Zarr),
         ("/", Self::Png),
     ];
 
@@ -57,13 +61,13 @@ impl Format {
         let name = output.to_string_lossy().to_ascii_lowercase();
         let found = Self::ENDS.iter().find(|(end, _)| name.ends_with(end))?;
         // A bare end is a name without one.
-        let stem = output.file_name()?.to_string_lossy().len();
-        (found.1 == Self::Png || stem > found.0.len()).then_some(found.1)
+        let name = output.file_name()?.to_string_lossy().len();
+        (name > found.0.trim_end_matches('/').len()).then_some(found.1)
     }
 
     /// Whether the output is a folder.
     pub fn is_folder(self) -> bool {
-        self == Self::Png
+        matches!(self, Self::Png | Self::Zarr)
     }
 
     /// Plans a file.
@@ -83,6 +87,7 @@ impl Format {
             Self::Tiff => imagej::plan(volume),
             Self::OmeTiff => ome::plan(volume),
             Self::Png => png::plan(volume),
+            Self::Zarr => Ok(zarr::plan(volume, volume.ngff)),
         }
     }
 }
@@ -101,6 +106,10 @@ mod tests {
             ("a.b.Raw", Some(Format::Raw)),
             ("planes/", Some(Format::Png)),
             ("a.raw/", Some(Format::Png)),
+            ("a.ome.zarr", Some(Format::Zarr)),
+            ("a.zarr/", Some(Format::Zarr)),
+            (".zarr", None),
+            (".zarr/", None),
             ("a.gz", None),
             ("a.png", None),
             ("a", None),

@@ -81,7 +81,24 @@ impl<'a> Job<'a> {
     /// # Errors
     /// If the export is cancelled.
     pub(crate) fn advance(&self, bytes: u64) -> Result<(), ExportError> {
-        match (self.progress)(self.done_bytes.fetch_add(bytes, Ordering::Relaxed) + bytes, self.total_bytes) {
+        self.told(self.done_bytes.fetch_add(bytes, Ordering::Relaxed) + bytes)
+    }
+
+    /// Counts voxels as done up to this many bytes.
+    ///
+    /// # Errors
+    /// If the export is cancelled.
+    pub(crate) fn reach(&self, bytes: u64) -> Result<(), ExportError> {
+        self.told(self.done_bytes.fetch_max(bytes, Ordering::Relaxed).max(bytes))
+    }
+
+    /// Bytes of all voxels.
+    pub(crate) fn total_bytes(&self) -> u64 {
+        self.total_bytes
+    }
+
+    fn told(&self, done_bytes: u64) -> Result<(), ExportError> {
+        match (self.progress)(done_bytes, self.total_bytes) {
             ControlFlow::Continue(()) => Ok(()),
             ControlFlow::Break(()) => Err(ExportError::Cancelled { path: self.output.into() }),
         }

@@ -35,7 +35,7 @@ impl Target {
         match format {
             Format::Raw => Self { data: output.into(), text: Some(text_beside(output)) },
             // Without its last slash, by which a file would be no folder, and nothing there.
-            Format::Png => Self { data: output.components().collect(), text: None },
+            Format::Png | Format::Zarr => Self { data: output.components().collect(), text: None },
             Format::MetaHeader => Self { data: data_beside(output), text: Some(output.into()) },
             _ => Self { data: output.into(), text: None },
         }
@@ -107,14 +107,19 @@ fn persist(file: NamedTempFile, path: &Path, overwrite: bool) -> Result<(), Expo
     }
 }
 
-/// Creates a folder under a temporary name.
+/// Creates a folder under a temporary name beside a path.
 pub(crate) fn create_folder(path: &Path) -> Result<TempDir, ExportError> {
+    create_folder_in(folder_of(path), path)
+}
+
+/// Creates a folder under a temporary name in another one, for an output.
+pub(crate) fn create_folder_in(folder: &Path, output: &Path) -> Result<TempDir, ExportError> {
     let mut builder = tempfile::Builder::new();
     builder.prefix(PREFIX).permissions(Permissions::from_mode(0o777));
-    builder.tempdir_in(folder_of(path)).map_err(|error| {
+    builder.tempdir_in(folder).map_err(|error| {
         // Temporary names mean nothing to users.
         let error = error.raw_os_error().map_or(error, Error::from_raw_os_error);
-        ExportError::io(path)(error)
+        ExportError::io(output)(error)
     })
 }
 

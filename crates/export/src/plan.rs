@@ -1,6 +1,7 @@
 //! A file to be written: made by a format from a description, before any voxel is read.
 
 use crate::facts::{Fact, lost};
+use crate::ngff::Ngff;
 use crate::volume::Volume;
 use std::io::{self, Write};
 
@@ -39,6 +40,8 @@ pub(crate) enum Body {
     Gzip(Vec<u8>),
     /// A picture for each plane, in a folder.
     Pictures,
+    /// Levels in chunks, in a folder of this version.
+    Zarr(Ngff),
 }
 
 /// A file to be written.

@@ -1,6 +1,7 @@
 //! The part of a store to export, and its check against the store.
 
 use crate::error::ExportError;
+use crate::ngff::Ngff;
 use brickyard_store::Store;
 use brickyard_volume::{Level, VoxelBox};
 
@@ -80,6 +81,8 @@ pub struct ExportRequest {
     pub channels: ExportChannels,
     /// The box to export, in the level's voxels; `None` exports the whole level.
     pub region: Option<VoxelBox>,
+    /// The version of an OME-Zarr; `None` is the default for this format, and the only choice for others.
+    pub ngff: Option<Ngff>,
     /// Whether an existing file may be replaced.
     pub overwrite: bool,
     /// Most anonymous memory for the export, in bytes, including the open store's.
@@ -90,7 +93,7 @@ pub struct ExportRequest {
 impl Default for ExportRequest {
     fn default() -> Self {
         let (level, time, channels, region) = Default::default();
-        Self { level, time, channels, region, overwrite: false, memory_bytes: 1 << 30 }
+        Self { level, time, channels, region, ngff: None, overwrite: false, memory_bytes: 1 << 30 }
     }
 }
 

@@ -1,5 +1,6 @@
 //! Small stores, and descriptions, for tests.
 
+use crate::ngff::Ngff;
 use crate::volume::Volume;
 use brickyard_import::{ImportError, Source, SourceInfo};
 use brickyard_store::{Kind, PackOptions, Reductions, Store, pack};
@@ -32,7 +33,15 @@ pub(crate) fn info() -> SourceInfo {
 
 pub(crate) fn volume(info: &SourceInfo) -> Volume<'_> {
     let (has_channel_axis, has_time_axis) = (false, false);
-    Volume { info, name: None, is_labels: false, has_channel_axis, has_time_axis, output: Path::new("out") }
+    Volume {
+        info,
+        name: None,
+        is_labels: false,
+        ngff: Ngff::default(),
+        has_channel_axis,
+        has_time_axis,
+        output: Path::new("out"),
+    }
 }
 
 /// The value of a voxel: another in every place, step and channel, within a byte.
@@ -78,17 +87,25 @@ impl TestStore {
     }
 
     pub(crate) fn of_kind(info: SourceInfo, kind: Kind) -> Self {
+        Self::of_source(Function { info, value }, kind)
+    }
+
+    pub(crate) fn of_source(source: impl Source, kind: Kind) -> Self {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("s.zarr");
-        pack_at(&path, info, kind);
+        pack_source_at(&path, &source, kind);
         Self { store: Arc::new(Store::open(&path).unwrap()), folder }
     }
 }
 
 /// Packs voxels of [`value`] into a store at a path.
 pub(crate) fn pack_at(path: &Path, info: SourceInfo, kind: Kind) {
+    pack_source_at(path, &Function { info, value }, kind);
+}
+
+fn pack_source_at(path: &Path, source: &dyn Source, kind: Kind) {
     let downsample = Reductions::default_for(kind);
-    let plain = PackOptions::new(info.voxel_type);
+    let plain = PackOptions::new(source.info().voxel_type);
     let options = PackOptions { edge: 8, shard_edge: 16, threads: 2, kind, downsample, ..plain };
-    pack(&Function { info, value }, path, &options, &()).unwrap();
+    pack(source, path, &options, &()).unwrap();
 }

@@ -1,6 +1,7 @@
 //! A volume on its way into a file: its description, and how arrays of free shape show it. Costs nothing.
 
 use crate::error::ExportError;
+use crate::ngff::Ngff;
 use brickyard_import::SourceInfo;
 use std::path::Path;
 
@@ -13,6 +14,8 @@ pub(crate) struct Volume<'a> {
     /// Whether arrays of free shape have an axis of channels, or of time, even of one.
     pub(crate) has_channel_axis: bool,
     pub(crate) has_time_axis: bool,
+    /// The version of OME-Zarr.
+    pub(crate) ngff: Ngff,
     /// The output, for messages and for names in it.
     pub(crate) output: &'a Path,
 }

@@ -26,6 +26,7 @@ mod mutex;
 mod nodata;
 pub mod pack;
 mod repair;
+mod replace;
 mod scratch;
 pub mod shard;
 mod shard_file;
@@ -55,6 +56,7 @@ pub use pack::{
     settings_fingerprint,
 };
 pub use repair::{RepairError, RepairReport, recorded_settings, repair};
+pub use replace::{Destination, creator};
 pub use scratch::Scratch;
 pub use shard::Fingerprint;
 pub use shard_file::IoMode;

@@ -9,8 +9,13 @@ use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// A name of each format.
-const NAMES: [&str; 11] =
-    ["a.raw", "a.npy", "a.nii", "a.nii.gz", "a.nrrd", "a.mha", "m.mhd", "a.vti", "a.tif", "a.ome.tif", "a/"];
+const NAMES: [&str; 12] =
+    ["a.raw", "a.npy", "a.nii", "a.nii.gz", "a.nrrd", "a.mha", "m.mhd", "a.vti", "a.tif", "a.ome.tif", "a/", "a.zarr"];
+
+/// Whether a name is a folder's.
+fn is_folder(name: &str) -> bool {
+    Format::of(Path::new(name)).unwrap().is_folder()
+}
 
 fn go_on(_: u64, _: u64) -> ControlFlow<()> {
     ControlFlow::Continue(())
@@ -40,7 +45,7 @@ fn a_cancelled_export_leaves_what_was_there() {
         let output = out.path().join(name);
         for is_there in [false, true] {
             // A folder is never replaced.
-            if is_there && name != "a/" {
+            if is_there && !is_folder(name) {
                 crate::paths_of(&output).unwrap().iter().for_each(|path| std::fs::write(path, "mine").unwrap());
             }
             let before = files(out.path());
@@ -63,7 +68,7 @@ fn a_cancelled_export_leaves_what_was_there() {
 fn a_store_that_is_replaced_meanwhile_is_not_exported() {
     let long = SourceInfo { extent: Extent::new(8 * 40, 8, 8 * 8), ..info() };
     // One of each way of writing.
-    for name in ["a.raw", "a.nii.gz", "a/"] {
+    for name in ["a.raw", "a.nii.gz", "a/", "a.zarr"] {
         let test = TestStore::of(long.clone());
         let out = tempfile::tempdir().unwrap();
         let is_first = AtomicBool::new(true);
@@ -96,7 +101,7 @@ fn the_file_is_the_same_within_any_memory() {
         let written = |memory_bytes| {
             let written = export(&test.store, &output, &ExportRequest { memory_bytes, ..request.clone() }, go_on);
             let found = files(out.path());
-            if name == "a/" && written.is_ok() {
+            if is_folder(name) && written.is_ok() {
                 std::fs::remove_dir_all(&output).unwrap();
             }
             written.map(|_| found)
@@ -149,7 +154,7 @@ fn what_is_in_the_way_is_refused_and_stays() {
             let found = overwriting(false).unwrap_err();
             assert!(found.contains("exists already") && found.contains("`overwrite`"), "{name}: {found}");
             assert_eq!(files(out.path()), before);
-            if name != "a/" {
+            if !is_folder(name) {
                 overwriting(true).unwrap();
                 crate::paths_of(&output).unwrap().iter().for_each(|path| std::fs::remove_file(path).unwrap());
             } else {

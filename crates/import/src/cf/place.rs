@@ -11,7 +11,6 @@ use brickyard_volume::{TimeAxis, time_unit};
 /// Largest difference of even coordinates from their line, as a part of the spacing.
 const EVEN: f64 = 1e-3;
 
-
 /// Coordinates along an axis.
 struct Line {
     /// The variable of the coordinates.

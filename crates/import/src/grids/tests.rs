@@ -447,7 +447,9 @@ fn large_boxes_are_read_in_pieces() {
 
 #[test]
 fn fields_of_a_whole_volume_are_no_grid_s() {
-    for (field, value) in [("time_start", json!(3)), ("time_stamps", json!([3])), ("time_since", json!("x")), ("labels", json!(true))] {
+    for (field, value) in
+        [("time_start", json!(3)), ("time_stamps", json!([3])), ("time_since", json!("x")), ("labels", json!(true))]
+    {
         let listed = row("u8", [1.0, 2.0], [3.0, 4.0], [json!({}), json!({field: value})]);
         let found = listed.refusal(&json!({}));
         assert!(found.contains(&format!("grid 2, fine.raw, has \"{field}\"")), "{found}");

@@ -1,5 +1,5 @@
-//! The files written by packing in a store's directory. Nothing else is ever deleted: foreign files prevent replacing
-//! the store.
+//! The files written by packing in a store's directory, and in that of an export as Zarr 2. Nothing else is ever deleted:
+//! foreign files prevent replacing the directory.
 
 use crate::downsample::Downsample;
 use crate::layout::{COUNTS_NAME, JOURNAL_NAME, LOCK_NAME, SIDE_NAME};
@@ -12,11 +12,15 @@ use std::path::{Path, PathBuf};
 /// overwritten.
 const SIDE_ARRAYS: [&str; 6] = ["ranges", "hashes", "shards", "aprons", "minmax", "occupancy"];
 
-/// A folder of a store, by its permitted content.
+/// A folder of a store or export, by its permitted content.
 #[derive(Clone, Copy)]
-enum Folder {
+pub(crate) enum Folder {
     /// Levels and the root document.
     Store,
+    /// Levels and root documents of Zarr 2.
+    OldGroup,
+    /// An array of Zarr 2: documents and chunks.
+    OldArray,
     /// An array: a document, chunks and side data.
     Array,
     /// Chunks or folders of chunks, by number.
@@ -31,6 +35,8 @@ impl Folder {
         match self {
             Self::Store => ["zarr.json", JOURNAL_NAME].contains(&whole) || name == LOCK_NAME,
             Self::Array => whole == "zarr.json",
+            Self::OldGroup => [".zgroup", ".zattrs"].contains(&whole) || name == LOCK_NAME,
+            Self::OldArray => [".zarray", ".zattrs"].contains(&whole),
             Self::Chunks => is_number(whole),
             Self::Side => false,
         }
@@ -43,6 +49,8 @@ impl Folder {
             Self::Store => is_number(name).then_some(Self::Array),
             Self::Array if name == "c" => Some(Self::Chunks),
             Self::Array => (name == SIDE_NAME).then_some(Self::Side),
+            Self::OldGroup => is_number(name).then_some(Self::OldArray),
+            Self::OldArray => is_number(name).then_some(Self::Chunks),
             Self::Chunks => is_number(name).then_some(Self::Chunks),
             Self::Side if name == COUNTS_NAME => Some(Self::Chunks),
             Self::Side => is_side().then_some(Self::Array),
@@ -79,7 +87,8 @@ pub(crate) fn find_foreign(store: &Path) -> io::Result<Option<PathBuf>> {
     find_foreign_in(Folder::Store, store)
 }
 
-fn find_foreign_in(folder: Folder, dir: &Path) -> io::Result<Option<PathBuf>> {
+/// Finds a foreign entry in a folder, if any.
+pub(crate) fn find_foreign_in(folder: Folder, dir: &Path) -> io::Result<Option<PathBuf>> {
     for entry in std::fs::read_dir(dir)? {
         let entry = entry?;
         let found = match classify(folder, &entry)? {
@@ -122,8 +131,11 @@ pub(crate) fn remove_chunks(disk: &Disk, dir: &Path) -> Result<(), DiskError> {
     }
 }
 
-/// Deletes packing's files in a folder of a store. Returns whether it is now empty.
-fn remove_in(disk: &Disk, folder: Folder, dir: &Path) -> Result<bool, DiskError> {
+/// Deletes the folder's own files, except a journal and a lock. Returns whether it is now empty.
+///
+/// # Errors
+/// If something cannot be deleted.
+pub(crate) fn remove_in(disk: &Disk, folder: Folder, dir: &Path) -> Result<bool, DiskError> {
     let io = |error| DiskError { path: dir.into(), error };
     let mut is_empty = true;
     for entry in std::fs::read_dir(dir).map_err(io)? {

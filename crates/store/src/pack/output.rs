@@ -396,7 +396,7 @@ fn is_store(path: &Path, with: &str) -> Result<bool, PackError> {
 }
 
 /// Whether a name is taken. Unreadable entries are not considered absent.
-fn is_there(path: &Path) -> Result<bool, PackError> {
+pub(crate) fn is_there(path: &Path) -> Result<bool, PackError> {
     path.try_exists().map_err(|error| PackError::Io { path: path.into(), error })
 }
 
@@ -462,7 +462,7 @@ fn ancestors_to_make(dir: &Path) -> Vec<PathBuf> {
 }
 
 /// The place of a store between two renames.
-fn aside(store: &Path) -> PathBuf {
+pub(crate) fn aside(store: &Path) -> PathBuf {
     with_suffix(store, ".replaced")
 }
 

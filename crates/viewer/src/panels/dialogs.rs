@@ -18,7 +18,7 @@ use std::path::{Path, PathBuf};
 const VOXELS_FILE: &str = "brickyard.npy";
 
 /// Names of exports, by their formats.
-const FORMATS: &str = "choose a name ending in .nii, .nii.gz, .nrrd, .mha, .mhd, .vti, .tif (ImageJ), .ome.tif, .npy (NumPy), .raw or, for a \
+const FORMATS: &str = "choose a name ending in .zarr, .nii, .nii.gz, .nrrd, .mha, .mhd, .vti, .tif (ImageJ), .ome.tif, .npy (NumPy), .raw or, for a \
     folder of PNG planes, /";
 
 /// Most pixels of a picture along an axis.
@@ -322,7 +322,7 @@ mod tests {
         let mut with_store = harness(DialogKind::Export, folder.path(), scene, volumes);
         with_store.run();
         assert!(with_store.query_by_label_contains("6 x 17 x 5 voxels, u16").is_some());
-        for (name, problem) in [("a.xyz", "ending in .nii"), ("there.raw", "choose another name")] {
+        for (name, problem) in [("a.xyz", "ending in .zarr"), ("there.raw", "choose another name")] {
             std::fs::write(folder.path().join("there.raw"), "mine").unwrap();
             with_store.state_mut().dialog.path = folder.path().join(name).display().to_string();
             with_store.run();
