@@ -324,3 +324,39 @@ fn an_export_that_is_stopped_leaves_nothing() {
     assert!(said.contains("d.raw: cancelled; nothing was written there"), "{said}");
     assert_eq!(std::fs::read_dir(sandbox.path("")).expect("a folder").count(), 1);
 }
+
+#[test]
+fn a_mesh_that_is_stopped_leaves_nothing() {
+    let sandbox = with_input("in.zarr --brick 16 --shard 32");
+    let begins = || std::fs::read_dir(sandbox.path("")).expect("a folder").count() > 1;
+    let (code, said) = stopped(&sandbox, "mesh in.zarr a.stl --isovalue 30000 --smooth 20 --progress none", begins);
+    assert_eq!(code, Some(130), "{said}");
+    assert!(said.contains("a.stl: cancelled; nothing was written there"), "{said}");
+    assert_eq!(std::fs::read_dir(sandbox.path("")).expect("a folder").count(), 1);
+}
+
+/// All shards of level 0 are damaged: those made so far go if the repair is stopped before the first gets its name.
+#[test]
+fn a_repair_that_is_stopped_leaves_no_file_half_made_and_goes_on() {
+    let sandbox = with_input("in.raw");
+    sandbox.run_ok(PACK);
+    let whole = tree(&sandbox.path("b.zarr"));
+    for (path, mut bytes) in tree(&sandbox.path("b.zarr/0/c")) {
+        let middle = bytes.len() / 2;
+        bytes[middle] ^= 1;
+        sandbox.write(Path::new("b.zarr/0/c").join(path), bytes);
+    }
+    let damaged = tree(&sandbox.path("b.zarr"));
+    let repair = "verify b.zarr --repair in.raw --shape 256,256,128 --dtype u16 --progress none";
+    // The first file under a temporary name.
+    let files = || tree(&sandbox.path("b.zarr/0/c")).len();
+    let shards = files();
+    let (code, said) = stopped(&sandbox, repair, || files() > shards);
+    assert_eq!(code, Some(130), "{said}");
+    assert!(said.contains("b.zarr: stopped; 0 files are repaired: the same repair goes on"), "{said}");
+    let difference = tree_difference(&tree(&sandbox.path("b.zarr")), &damaged);
+    assert!(difference.is_empty(), "{difference:?}");
+    sandbox.run_ok(repair);
+    let difference = tree_difference(&tree(&sandbox.path("b.zarr")), &whole);
+    assert!(difference.is_empty(), "{difference:?}");
+}

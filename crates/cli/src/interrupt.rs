@@ -30,6 +30,13 @@ impl Interrupt {
         self.0.load(Ordering::Relaxed)
     }
 
+    /// Ends the process if a stop is requested, in work with nothing to put in order.
+    pub(crate) fn end_if_asked(&self) {
+        if self.is_asked() {
+            std::process::exit(ExitKind::Interrupted as i32);
+        }
+    }
+
     /// Whether to continue, as a control flow.
     pub(crate) fn flow(&self) -> ControlFlow<()> {
         if self.is_asked() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }

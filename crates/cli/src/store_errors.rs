@@ -157,6 +157,8 @@ pub(crate) fn repair_failure(error: RepairError, store: &Path) -> Failure {
         RepairError::Memory { .. } => ExitKind::Usage,
         RepairError::Unfinished { .. } | RepairError::Incomplete { .. } => ExitKind::Incomplete,
         RepairError::Threads(_) => ExitKind::Failed,
+        // Only Ctrl-C cancels.
+        RepairError::Cancelled { .. } => ExitKind::Interrupted,
     };
     Failure::new(kind, error)
 }

@@ -2,6 +2,7 @@
 
 use super::failure::{ExitKind, Failure};
 use super::input_args::InputArguments;
+use super::interrupt::Interrupt;
 use super::progress::{Progress, ProgressStyleArgument};
 use super::say::say;
 use super::{heading, print_json, print_line, store_errors, values};
@@ -77,9 +78,16 @@ impl Repair<'_> {
             .map_err(|error| store_errors::verify_failure(VerifyError::Open(error), store))?;
         let options = OpenOptions { are_labels: Some(known.kind == Kind::Labels), ..options };
         let source = import::open(&inputs, &options).map_err(|error| store_errors::import_failure(&error))?;
+        let interrupt = Interrupt::watch()?;
         let shown = Progress::new(progress, "repair");
         let threads = AppendOptions::default().threads;
-        let report = store::repair(store, &*source, memory, threads, |done, total| shown.set(done, total));
+        let report = store::repair(store, &*source, memory, threads, |done, total| {
+            // Until the damage is known there is nothing to count.
+            if total > 0 {
+                shown.set(done, total);
+            }
+            interrupt.flow()
+        });
         shown.finish();
         let report = report.map_err(|error| store_errors::repair_failure(error, store))?;
         if !json {
@@ -90,13 +98,16 @@ impl Repair<'_> {
     }
 }
 
-/// Verifies a store.
+/// Verifies a store. As it only reads, Ctrl-C ends the process, also after work that Ctrl-C stops in good order.
 ///
 /// # Errors
 /// If it cannot be read.
 pub(crate) fn report(store: &Path, memory: u64, style: ProgressStyleArgument) -> Result<VerifyReport, Failure> {
-    let progress = Progress::new(style, "verify");
-    let report = store::verify_within(store, memory, |done, total| progress.set(done, total));
+    let (progress, interrupt) = (Progress::new(style, "verify"), Interrupt::watch()?);
+    let report = store::verify_within(store, memory, |done, total| {
+        progress.set(done, total);
+        interrupt.end_if_asked();
+    });
     progress.finish();
     report.map_err(|error| store_errors::verify_failure(error, store))
 }

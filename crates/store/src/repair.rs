@@ -47,8 +47,10 @@ use brickyard_volume::{BrickId, Level, PageId, with_voxel_type};
 use from_source::{Bricks, difference, is_stored, reading_bytes, sound_bricks};
 use rebuild::{Fault, Maker, Voxels, bricks_in, discard};
 use std::collections::HashMap;
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use survey::{ArrayId, Damage, Hashes, recorded, survey};
 
 /// Bricks compared with the source beside each damaged shard.
@@ -67,20 +69,20 @@ pub struct RepairReport {
 }
 
 /// Repairs a store from the source it was packed from, within `memory_bytes`, on at most `threads` threads. Calls
-/// `progress` with the damaged shards made so far and in total. [`verify`](crate::verify()) tells whether the store is
-/// then sound.
+/// `progress` with the damaged shards made so far and in total, both 0 until known; it may cancel.
+/// [`verify`](crate::verify()) tells whether the store is then sound.
 ///
 /// # Errors
 /// If there is no store, it is in use by another writer, the source is not its own or cannot be read, the memory is too
-/// little, or the disk fails. No file is then worse than before.
+/// little, the disk fails, or `progress` cancels. No file is then worse than before.
 pub fn repair(
     path: &Path,
     source: &dyn Source,
     memory_bytes: u64,
     threads: usize,
-    progress: impl Fn(u64, u64) + Sync,
+    progress: impl Fn(u64, u64) -> ControlFlow<()> + Sync,
 ) -> Result<RepairReport, RepairError> {
-    repair_on(&Disk::default(), path, source, Limits { memory_bytes, threads }, &progress)
+    repair_on(&Disk::default(), path, source, Limits { memory_bytes, threads }, &Watch::new(&progress))
 }
 
 #[derive(Clone, Copy)]
@@ -89,12 +91,32 @@ struct Limits {
     threads: usize,
 }
 
+/// The caller's progress, which may cancel: once, and for good.
+struct Watch<'a> {
+    progress: &'a (dyn Fn(u64, u64) -> ControlFlow<()> + Sync),
+    is_cancelled: AtomicBool,
+}
+
+impl<'a> Watch<'a> {
+    fn new(progress: &'a (dyn Fn(u64, u64) -> ControlFlow<()> + Sync)) -> Self {
+        Self { progress, is_cancelled: AtomicBool::new(false) }
+    }
+
+    /// Reports the damaged shards made so far and in total. Returns whether to continue.
+    fn goes_on(&self, done: u64, total: u64) -> bool {
+        if (self.progress)(done, total).is_break() {
+            self.is_cancelled.store(true, Ordering::Relaxed);
+        }
+        !self.is_cancelled.load(Ordering::Relaxed)
+    }
+}
+
 fn repair_on(
     disk: &Disk,
     path: &Path,
     source: &dyn Source,
     limits: Limits,
-    progress: &(dyn Fn(u64, u64) + Sync),
+    watch: &Watch<'_>,
 ) -> Result<RepairReport, RepairError> {
     let dir = find_finished(disk, path)?;
     // A lock would make the folder of a store that is missing, and nothing can be made without the root document.
@@ -115,7 +137,7 @@ fn repair_on(
         let (maker, bricks) = (Maker::<T>::new(&views[0]), Bricks::<T>::new(source, views[0].info()));
         let folder = held.folder.clone();
         let (pool, made) = (&pool, HashMap::new());
-        let mut repair = Repair { disk, folder, views, pool, maker, bricks, made, report, progress };
+        let mut repair = Repair { disk, folder, views, pool, maker, bricks, made, report, watch };
         repair.run()?;
         Ok(repair.report)
     })
@@ -180,13 +202,12 @@ struct Repair<'a, T> {
     /// Fingerprints of shards made again whose record is lost.
     made: HashMap<(bool, bool, ShardId), Fingerprint>,
     report: RepairReport,
-    progress: &'a (dyn Fn(u64, u64) + Sync),
+    watch: &'a Watch<'a>,
 }
 
 impl<T: Measure> Repair<'_, T> {
     fn run(&mut self) -> Result<(), RepairError> {
-        let found = self.arrays().into_iter().map(|array| self.survey(array)).collect::<Result<Vec<Damage>, _>>();
-        let found = found.map_err(RepairError::Barred)?;
+        let found = self.arrays().into_iter().map(|array| self.survey(array)).collect::<Result<Vec<Damage>, _>>()?;
         if found.iter().any(|damage| !damage.is_none()) {
             self.make(&found)?;
         }
@@ -206,9 +227,23 @@ impl<T: Measure> Repair<'_, T> {
         arrays
     }
 
-    fn survey(&self, array: ArrayId) -> Result<Damage, ReadError> {
+    fn survey(&self, array: ArrayId) -> Result<Damage, RepairError> {
         let store = self.store(array);
-        self.pool.install(|| survey(store, chunks(store, array), array))
+        let goes_on = || self.watch.goes_on(0, 0);
+        let damage = self.pool.install(|| survey(store, chunks(store, array), array, &goes_on));
+        self.go_on(0, 0)?;
+        damage.map_err(RepairError::Barred)
+    }
+
+    /// Reports the damaged shards made so far and in total.
+    ///
+    /// # Errors
+    /// If the repair is cancelled.
+    fn go_on(&self, done: u64, total: u64) -> Result<(), RepairError> {
+        if self.watch.goes_on(done, total) {
+            return Ok(());
+        }
+        Err(RepairError::Cancelled { store: self.folder.path().into(), done: self.report.repaired.len() })
     }
 
     fn store(&self, array: ArrayId) -> &Store {
@@ -221,11 +256,11 @@ impl<T: Measure> Repair<'_, T> {
         self.vouch(found)?;
         for damage in found.iter().filter(|damage| !damage.array.are_aprons) {
             match damage.array.level {
-                Level(0) => self.finest(damage)?,
-                _ => self.coarse(damage)?,
+                Level(0) => self.finest(damage, total)?,
+                _ => self.coarse(damage, done, total)?,
             }
             done += damage.shards.len() as u64;
-            (self.progress)(done, total);
+            self.go_on(done, total)?;
             self.fingerprints(damage)?;
         }
         for damage in found.iter().filter(|damage| !damage.array.are_aprons) {
@@ -244,7 +279,7 @@ impl<T: Measure> Repair<'_, T> {
                 let made = self.maker.aprons(self.disk, store, chunks(store, damage.array), id);
                 self.settle_made(damage.array, id, made)?;
                 done += 1;
-                (self.progress)(done, total);
+                self.go_on(done, total)?;
             }
             self.fingerprints(damage)?;
         }
@@ -252,17 +287,21 @@ impl<T: Measure> Repair<'_, T> {
     }
 
     /// Makes the damaged shards of level 0, all before the first gets its name.
-    fn finest(&mut self, damage: &Damage) -> Result<(), RepairError> {
+    fn finest(&mut self, damage: &Damage, total: u64) -> Result<(), RepairError> {
         let mut finished = Vec::new();
         let store = &self.views[0];
         let layout = store.layout().clone();
         for &id in &damage.shards {
-            match self.maker.cores(self.disk, store, id, Voxels::OfSource(&mut self.bricks)) {
-                Ok(made) => finished.push(made),
-                Err(fault) => {
-                    finished.iter().for_each(|made: &Finished| discard(self.disk, store, &layout, made.id));
-                    return Err(self.stopped(fault));
+            let made = match self.maker.cores(self.disk, store, id, Voxels::OfSource(&mut self.bricks)) {
+                Ok(made) => {
+                    finished.push(made);
+                    self.go_on(finished.len() as u64, total)
                 }
+                Err(fault) => Err(self.stopped(fault)),
+            };
+            if let Err(error) = made {
+                finished.iter().for_each(|made: &Finished| discard(self.disk, store, &layout, made.id));
+                return Err(error);
             }
         }
         if !damage.hashes.is_empty()
@@ -280,8 +319,9 @@ impl<T: Measure> Repair<'_, T> {
         self.reopen()
     }
 
-    fn coarse(&mut self, damage: &Damage) -> Result<(), RepairError> {
-        for &id in &damage.shards {
+    fn coarse(&mut self, damage: &Damage, before: u64, total: u64) -> Result<(), RepairError> {
+        for (done, &id) in (before..).zip(&damage.shards) {
+            self.go_on(done, total)?;
             let store = &self.views[usize::from(damage.array.is_second)];
             let made = self.maker.cores(self.disk, store, id, Voxels::OfFinerLevel);
             self.settle_made(damage.array, id, made)?;

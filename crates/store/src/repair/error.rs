@@ -70,6 +70,14 @@ pub enum RepairError {
         /// Number of repaired files.
         done: usize,
     },
+    /// The progress callback cancelled the repair. Files repaired so far stay, and the others are as before.
+    #[error("{store}: stopped; {done} files are repaired: the same repair goes on")]
+    Cancelled {
+        /// The store.
+        store: PathBuf,
+        /// Number of repaired files.
+        done: usize,
+    },
     /// The worker threads could not be started.
     #[error("cannot start worker threads: {0}")]
     Threads(String),

@@ -79,8 +79,13 @@ fn lost_pages(store: &Store, array: &SideArray, level: Level) -> Result<Vec<Page
     Ok(found.into_iter().flatten().collect())
 }
 
-/// Examines one array, and for cores the level's side data.
-pub(super) fn survey(store: &Store, chunks: &Chunks, array: ArrayId) -> Result<Damage, ReadError> {
+/// Examines one array, and for cores the level's side data. The rest of its shards is left out once `goes_on` is false.
+pub(super) fn survey(
+    store: &Store,
+    chunks: &Chunks,
+    array: ArrayId,
+    goes_on: &(dyn Fn() -> bool + Sync),
+) -> Result<Damage, ReadError> {
     let ArrayId { level, are_aprons, .. } = array;
     let of_chunks = SideArray::fingerprints(store.path(), chunks.layout(), level);
     let [ranges, hashes] = match are_aprons {
@@ -94,7 +99,7 @@ pub(super) fn survey(store: &Store, chunks: &Chunks, array: ArrayId) -> Result<D
     let shards = (0..chunks.layout().level_shards(level)).into_par_iter().map(|i| chunks.layout().shard_at(level, i));
     let examined = shards.map_init(
         || Examiner { store, chunks, are_aprons, hashes: Hashes::default(), chunk: vec![0; chunks.chunk_bytes()] },
-        |examiner, id| Ok((!examiner.is_sound(id)?).then_some(id)),
+        |examiner, id| Ok((goes_on() && !examiner.is_sound(id)?).then_some(id)),
     );
     let damaged: Vec<Option<ShardId>> = examined.collect::<Result<_, ReadError>>()?;
     let fingerprints = lost_pages(store, &of_chunks, level)?;

@@ -53,7 +53,7 @@ fn all(voxel_type: VoxelType) -> PackOptions {
 }
 
 fn repaired(path: &Path, source: &dyn Source) -> Result<RepairReport, RepairError> {
-    repair(path, source, 1 << 30, 2, |_, _| {})
+    repair(path, source, 1 << 30, 2, |_, _| ControlFlow::Continue(()))
 }
 
 fn restore(path: &Path, files: &Files) {
@@ -287,7 +287,8 @@ fn a_repair_stopped_anywhere_makes_nothing_worse() {
         }
         let before = files(&path);
         let disk = Trial { syncs_each: true, fuse: Some(changes.into()), ..Trial::default() }.disk();
-        let stopped = repair_on(&disk, &path, &source, Limits { memory_bytes: 1 << 30, threads: 2 }, &|_, _| {});
+        let limits = Limits { memory_bytes: 1 << 30, threads: 2 };
+        let stopped = repair_on(&disk, &path, &source, limits, &Watch::new(&|_, _| ControlFlow::Continue(())));
         for (name, bytes) in files(&path) {
             let is_either = before.get(&name) == Some(&bytes) || sound.get(&name) == Some(&bytes);
             let is_temporary = name.extension().is_some_and(|end| end == "tmp");
@@ -318,7 +319,7 @@ fn what_cannot_be_repaired_is_refused() {
         assert_same(&files(&path), &before, "root");
         restore(&path, &sound);
     }
-    let little = repair(&path, &source, 1 << 20, 2, |_, _| {});
+    let little = repair(&path, &source, 1 << 20, 2, |_, _| ControlFlow::Continue(()));
     assert!(matches!(little, Err(RepairError::Memory { .. })));
     std::fs::write(path.join(JOURNAL_NAME), "{}\n").unwrap();
     assert!(matches!(repaired(&path, &source), Err(RepairError::Unfinished { .. })));
@@ -379,4 +380,38 @@ proptest! {
         prop_assert_eq!(repaired(&path, &source).unwrap().left, vec![]);
         is_as_packed(&path, &sound, "damage");
     }
+}
+
+/// Cancelled at any report, a repair leaves each file the damaged one or the sound one, and another goes on.
+#[test]
+fn a_cancelled_repair_leaves_every_file_damaged_or_sound() {
+    let dir = tempfile::tempdir().unwrap();
+    let source = source::<u16>(1, 1);
+    let path = packed(dir.path(), &source, &all(VoxelType::U16));
+    let sound = files(&path);
+    let mut damaged = sound.clone();
+    for name in repairable(&sound) {
+        harm(&path.join(&name), Harm::Flip(77));
+        damaged.insert(name.clone(), std::fs::read(path.join(&name)).unwrap());
+    }
+    let mut reports = 0;
+    loop {
+        restore(&path, &damaged);
+        let left = AtomicI64::new(reports);
+        let cancelling = |_, _| match left.fetch_sub(1, Ordering::Relaxed) {
+            0 => ControlFlow::Break(()),
+            _ => ControlFlow::Continue(()),
+        };
+        let Err(error) = repair(&path, &source, 1 << 30, 2, cancelling) else { break };
+        assert!(matches!(error, RepairError::Cancelled { .. }), "{error}");
+        let found = files(&path);
+        assert!(found.keys().eq(damaged.keys()), "after {reports}: {:?}", found.keys());
+        for (name, bytes) in &found {
+            assert!(*bytes == damaged[name] || *bytes == sound[name], "{} after {reports}", name.display());
+        }
+        repaired(&path, &source).unwrap();
+        is_as_packed(&path, &sound, &format!("cancelled after {reports} reports"));
+        reports += 1 + reports / 4;
+    }
+    assert!(reports > 9, "{reports} reports");
 }
