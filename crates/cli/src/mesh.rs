@@ -6,10 +6,9 @@ use super::output::may_write_mesh;
 use super::progress::{Progress, ProgressStyleArgument};
 use super::say::say;
 use super::{Failure, heading, print_json, store_errors, values};
-use brickyard::extract::{self, MeshReport, MeshRequest, MeshSurface};
+use brickyard::extract::{self, MeshRequest, MeshSurface};
 use brickyard::session::VolumeSource;
-use brickyard::volume::numbers::significant;
-use brickyard::volume::{Level, VoxelBox, counted};
+use brickyard::volume::{Level, VoxelBox};
 use clap::Args;
 use serde::Serialize;
 use std::path::PathBuf;
@@ -133,28 +132,17 @@ pub(crate) fn run(arguments: &MeshArguments) -> Result<(), Failure> {
         interrupt.flow()
     });
     progress.finish();
-    let MeshReport { objects } = written.map_err(store_errors::mesh_failure)?;
-    let unit = match store.info().orientation {
-        Some(_) => Some("millimeter"),
-        None => store.geometry().unit.as_deref(),
-    };
+    let report = written.map_err(store_errors::mesh_failure)?;
     if arguments.json {
         let object = |object: &extract::MeshObject| {
             let extract::MeshObject { label, vertices, triangles, area, volume } = *object;
             Object { label, vertices, triangles, area, volume }
         };
-        return print_json(&Written { unit, objects: objects.iter().map(object).collect() });
+        return print_json(&Written {
+            unit: extract::length_unit(&store),
+            objects: report.objects.iter().map(object).collect(),
+        });
     }
-    let sum = |of: fn(&extract::MeshObject) -> u64| objects.iter().map(of).sum::<u64>();
-    let (vertices, triangles) = (sum(|object| object.vertices), counted(sum(|object| object.triangles), "triangle"));
-    let rest = match &objects[..] {
-        [one] => {
-            let [area, volume] = [one.area, one.volume].map(|value| significant(value, 6));
-            let unit = |power: &str| unit.map_or_else(String::new, |unit| format!(" {unit}{power}"));
-            format!("area {area}{}, volume {volume}{}", unit("²"), unit("³"))
-        }
-        several => counted(several.len() as u64, "object"),
-    };
-    say!("{}: {triangles}, {vertices} vertices, {rest}", arguments.output.display());
+    say!("{}: {}", arguments.output.display(), report.in_words(&store));
     Ok(())
 }

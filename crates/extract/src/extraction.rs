@@ -15,6 +15,7 @@ use crate::patch::Patch;
 use crate::piece::Piece;
 use crate::pieces::Pieces;
 use crate::points::Points;
+use crate::report::{MeshObject, MeshReport};
 use crate::request::{MOST_DECIMATION_VOXELS, MOST_SMOOTHING, MeshRequest, MeshSurface};
 use crate::world::World;
 use brickyard_store::{Kind, ReadError, Store, check_outside};
@@ -24,26 +25,15 @@ use rayon::prelude::*;
 use std::ops::ControlFlow;
 use std::path::Path;
 
-/// A closed surface of a mesh.
-#[derive(Clone, Debug, PartialEq)]
-pub struct MeshObject {
-    /// The label, of labels.
-    pub label: Option<i64>,
-    /// Number of vertices.
-    pub vertices: u64,
-    /// Number of triangles.
-    pub triangles: u64,
-    /// Area, in the world's units.
-    pub area: f64,
-    /// Enclosed volume, in the world's units.
-    pub volume: f64,
-}
-
-/// A written mesh.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct MeshReport {
-    /// Its objects, labels ascending.
-    pub objects: Vec<MeshObject>,
+/// Checks whether a surface of a store may be written to `output`, reading no voxel.
+///
+/// # Errors
+/// If the output exists and may not be replaced, its extension is unknown, or the request does not fit the store.
+pub fn check_mesh(store: &Store, output: &Path, request: &MeshRequest) -> Result<(), MeshError> {
+    checked_region(store, request)?;
+    check_surface(store, request)?;
+    output::check_name(output, request.surface == MeshSurface::Labels)?;
+    check_output(output, request.overwrite)
 }
 
 /// Writes a surface of a store to `output`, whose extension (`.stl`, `.ply`, `.obj` or `.glb`) selects the format. Calls `progress` with the bytes of
@@ -58,9 +48,8 @@ pub fn mesh(
     request: &MeshRequest,
     progress: impl Fn(u64, u64) -> ControlFlow<()> + Sync,
 ) -> Result<MeshReport, MeshError> {
+    check_mesh(store, output, request)?;
     let region = checked_region(store, request)?;
-    check_surface(store, request)?;
-    check_output(output, request.overwrite)?;
     let world = World::of(store, request.level);
     let head = head(store, &world, region);
     let format = output::begin(output, &head, request.surface == MeshSurface::Labels)?;

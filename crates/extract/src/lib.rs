@@ -28,6 +28,7 @@ mod piece;
 mod pieces;
 mod ply;
 mod points;
+mod report;
 mod request;
 mod smoothing;
 mod stl;
@@ -38,5 +39,6 @@ mod tests;
 mod world;
 
 pub use error::MeshError;
-pub use extraction::{MeshObject, MeshReport, mesh};
+pub use extraction::{check_mesh, mesh};
+pub use report::{MeshObject, MeshReport, length_unit};
 pub use request::{MOST_DECIMATION_VOXELS, MOST_LABELS, MOST_SMOOTHING, MeshRequest, MeshSurface};

@@ -13,14 +13,9 @@ use std::path::Path;
 /// # Errors
 /// If the format is unknown, cannot hold the mesh, or the system refuses the file.
 pub(crate) fn begin(output: &Path, head: &Head, holds_several: bool) -> Result<Box<dyn Format>, MeshError> {
-    let extension = output.extension().map(|extension| extension.to_string_lossy().to_ascii_lowercase());
-    let extension = extension.as_deref().unwrap_or_default();
-    if holds_several && ["stl", "ply"].contains(&extension) {
-        let path = output.display();
-        let problem =
-            format!("{path}: .{extension} holds one object; write all labels to .obj or .glb, or choose one label");
-        return Err(MeshError::Unfit(problem));
-    }
+    check_name(output, holds_several)?;
+    let extension = extension_of(output);
+    let extension = extension.as_str();
     if !head.is_single && ["stl", "glb"].contains(&extension) {
         let problem = format!(
             "{}: the 32-bit coordinates of .{extension} are too coarse so far from the origin: vertices would meet; write .ply or .obj",
@@ -35,4 +30,26 @@ pub(crate) fn begin(output: &Path, head: &Head, holds_several: bool) -> Result<B
         "glb" => Box::new(Glb::begin(output)?),
         _ => return Err(MeshError::Extension { path: output.into() }),
     })
+}
+
+/// Checks whether a name has a format, which holds several objects if there are any.
+///
+/// # Errors
+/// If not.
+pub(crate) fn check_name(output: &Path, holds_several: bool) -> Result<(), MeshError> {
+    let extension = extension_of(output);
+    match extension.as_str() {
+        "stl" | "ply" if holds_several => {
+            let path = output.display();
+            let problem =
+                format!("{path}: .{extension} holds one object; write all labels to .obj or .glb, or choose one label");
+            Err(MeshError::Unfit(problem))
+        }
+        "stl" | "ply" | "obj" | "glb" => Ok(()),
+        _ => Err(MeshError::Extension { path: output.into() }),
+    }
+}
+
+fn extension_of(output: &Path) -> String {
+    output.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase()
 }

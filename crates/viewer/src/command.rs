@@ -3,6 +3,9 @@
 use crate::fields::differences;
 use crate::marks::Marks;
 use crate::panels::description::Description;
+use crate::panels::edit_form::MetadataEdit;
+use crate::panels::export_form::ExportForm;
+use crate::panels::mesh_form::MeshForm;
 use brickyard::volume::Viewpoint;
 use glam::DVec3;
 use serde_json::{Map, Value};
@@ -51,8 +54,12 @@ pub(crate) enum Command {
     SaveScene(PathBuf),
     /// Write the volume's picture once it is final, with its scene.
     SavePicture(PathBuf, PictureForm),
-    /// Write the voxels of the first visible layer within the clip box.
-    Export(PathBuf),
+    /// Write voxels of the first visible layer within the clip box.
+    Export(PathBuf, ExportForm),
+    /// Write a surface of the first visible layer within the clip box as triangles.
+    Mesh(PathBuf, MeshForm),
+    /// Change the metadata of the first visible layer's store.
+    Edit(MetadataEdit),
     /// Write the whole window, panels included.
     Screenshot(PathBuf),
     /// Close the window.
@@ -103,7 +110,11 @@ impl Command {
 
     /// Whether the command, working on files, ends only later.
     pub(crate) fn takes_time(&self) -> bool {
-        self.opens() || matches!(self, Self::Export(_) | Self::SavePicture(..) | Self::Screenshot(_))
+        self.opens() || self.exports() || matches!(self, Self::Edit(_) | Self::SavePicture(..) | Self::Screenshot(_))
+    }
+
+    pub(crate) fn exports(&self) -> bool {
+        matches!(self, Self::Export(..) | Self::Mesh(..))
     }
 
     pub(crate) fn opens(&self) -> bool {
@@ -121,9 +132,11 @@ impl Command {
         match self {
             Self::Open(paths, _) => Some(listed(paths)),
             Self::OpenAs(path, description, _) => Some(described(path, description)),
-            Self::SaveScene(path) | Self::SavePicture(path, _) | Self::Export(path) | Self::Screenshot(path) => {
-                Some(path.display().to_string())
-            }
+            Self::SaveScene(path)
+            | Self::SavePicture(path, _)
+            | Self::Export(path, _)
+            | Self::Mesh(path, _)
+            | Self::Screenshot(path) => Some(path.display().to_string()),
             _ => None,
         }
     }
@@ -192,7 +205,9 @@ impl fmt::Display for Command {
             Self::Redo => f.write_str("redo"),
             Self::SaveScene(_) => write!(f, "save-scene {file}"),
             Self::SavePicture(_, form) => write!(f, "save-picture {form}{file}"),
-            Self::Export(_) => write!(f, "export {file}"),
+            Self::Export(_, form) => write!(f, "export {form}{file}"),
+            Self::Mesh(_, form) => write!(f, "mesh {form}{file}"),
+            Self::Edit(changes) => write!(f, "edit {}", serde_json::to_value(changes).unwrap_or_default()),
             Self::Screenshot(_) => write!(f, "screenshot {file}"),
             Self::Quit => f.write_str("quit"),
             Self::LoseGpu => f.write_str("lose-gpu"),
@@ -201,7 +216,7 @@ impl fmt::Display for Command {
 }
 
 /// All commands with the forms of their arguments.
-const FORMS: [(&str, &str); 25] = [
+const FORMS: [(&str, &str); 27] = [
     ("orbit", "DEGREES_RIGHT DEGREES_UP, optionally with a point of the world, X Y Z"),
     ("look", "DEGREES_RIGHT DEGREES_UP"),
     ("roll", "DEGREES"),
@@ -223,7 +238,12 @@ const FORMS: [(&str, &str); 25] = [
     ("redo", ""),
     ("save-scene", "FILE"),
     ("save-picture", "[WIDTHxHEIGHT] [over=none|over=scale_bar,distances,...] FILE"),
-    ("export", "FILE"),
+    ("export", "[level=N] [channels=0,2] [steps=0-9] [replace=yes] FILE"),
+    ("mesh", "[isovalue=V] [label=N|all] [level=N] [smooth=N] [replace=yes] FILE"),
+    (
+        "edit",
+        "a JSON object: name, spacing, origin, unit, value_unit, time_step, time_unit, channel_names, channel_colors",
+    ),
     ("screenshot", "FILE"),
     ("quit", ""),
     ("lose-gpu", ""),
@@ -288,7 +308,15 @@ fn parsed(name: &str, rest: &str) -> Option<Command> {
             let (form, path) = picture_form(rest)?;
             Command::SavePicture(PathBuf::from(path), form)
         }
-        ("export", _) => Command::Export(file()?),
+        ("export", _) => {
+            let (form, path) = ExportForm::read(rest)?;
+            Command::Export(PathBuf::from(path), form)
+        }
+        ("mesh", _) => {
+            let (form, path) = MeshForm::read(rest)?;
+            Command::Mesh(PathBuf::from(path), form)
+        }
+        ("edit", _) => Command::Edit(serde_json::from_str(rest).ok()?),
         ("screenshot", _) => Command::Screenshot(file()?),
         _ => return None,
     })
@@ -362,6 +390,16 @@ mod tests {
             .prop_map(|fields| fields.into_iter().collect())
     }
 
+    fn export_form() -> impl Strategy<Value = ExportForm> {
+        let form = ("(level=[1-9] )?", "(channels=0,[1-9] )?", "(steps=0-[0-9] )?", "(replace=yes )?");
+        form.prop_map(|(a, b, c, d)| ExportForm::read(&format!("{a}{b}{c}{d}x")).unwrap().0)
+    }
+
+    fn mesh_form() -> impl Strategy<Value = MeshForm> {
+        let form = ("(isovalue=-?[1-9]\\.[0-9]|label=-?[0-9]|label=all)", "( level=[1-9])?", "( smooth=[1-9])?");
+        form.prop_map(|(a, b, c)| MeshForm::read(&format!("{a}{b}{c} x")).unwrap().0)
+    }
+
     fn command() -> impl Strategy<Value = Command> {
         let viewpoints: Vec<_> = Viewpoint::all().map(|(_, viewpoint)| viewpoint).collect();
         let plain = vec![Command::Fit, Command::Undo, Command::Redo, Command::Quit, Command::LoseGpu];
@@ -404,7 +442,12 @@ mod tests {
                     Command::SavePicture(file, PictureForm { size_px, marks })
                 }
             ),
-            file().prop_map(Command::Export),
+            (file(), export_form()).prop_map(|(file, form)| Command::Export(file, form)),
+            (file(), mesh_form()).prop_map(|(file, form)| Command::Mesh(file, form)),
+            (number(), "[a-z ]{0,5}").prop_map(|(number, text)| {
+                let edit = json!({"name": text, "spacing": [number, 1, 2], "time_step": number, "channel_names": {"1": text}});
+                Command::Edit(serde_json::from_value(edit).unwrap())
+            }),
             file().prop_map(Command::Screenshot),
         ]
     }

@@ -133,6 +133,15 @@ impl Openings {
         changes
     }
 
+    /// Takes a store's volume, opened anew after an edit of its metadata.
+    pub(crate) fn take_edited(&mut self, volume: &VolumeSource) {
+        for item in &mut self.items {
+            if item.volume.as_ref().is_some_and(|before| is_same_store(before, volume)) {
+                item.volume = Some(item.opening.reopened(volume.clone()));
+            }
+        }
+    }
+
     /// Shows the progress, with a button to stop each.
     pub(crate) fn show(&self, ui: &mut Ui) {
         for item in &self.items {

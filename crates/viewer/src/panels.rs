@@ -5,6 +5,8 @@ mod color_map;
 pub(crate) mod description;
 pub(crate) mod diagnostics;
 pub(crate) mod dialogs;
+pub(crate) mod edit_form;
+pub(crate) mod export_form;
 #[cfg(test)]
 pub(crate) mod fixture;
 pub(crate) mod help;
@@ -12,6 +14,7 @@ pub(crate) mod histogram;
 pub(crate) mod layers;
 pub(crate) mod mending;
 pub(crate) mod menu;
+pub(crate) mod mesh_form;
 pub(crate) mod playing;
 pub(crate) mod slices;
 pub(crate) mod status;

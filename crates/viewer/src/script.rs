@@ -133,7 +133,7 @@ mod tests {
     fn what_takes_time_is_known_until_it_is_over() {
         let mut script: Script = "0 export a.npy\n0 set mode mip\n0 export b.npy\n0 quit".parse().unwrap();
         while script.next(Duration::ZERO, true).is_some() {}
-        let mut exported = || script.ended(|command| matches!(command, Command::Export(_)));
+        let mut exported = || script.ended(|command| matches!(command, Command::Export(..)));
         let first = exported().expect("the first export");
         assert_eq!(first.failure("there is no room"), "the script's line 1: export a.npy: there is no room");
         assert_eq!(first.failure("a.npy: no room"), "the script's line 1: a.npy: no room", "a file is named once");

@@ -6,6 +6,7 @@ mod files;
 use crate::canvas::STREAMING_STEP;
 use crate::command::{Command, Placing};
 use crate::device::Device;
+use crate::editing::Editing;
 use crate::edits::{changes, edited};
 use crate::exporting::Exporting;
 use crate::handover::Handover;
@@ -86,6 +87,7 @@ pub(crate) struct Window {
     /// Volumes to be shown instead of them or beside them.
     next: Option<Next>,
     exporting: Option<Exporting>,
+    editing: Option<Editing>,
     /// Pictures being written, in their order of arrival.
     saving: Vec<Saving>,
     recent: Recent,
@@ -130,6 +132,7 @@ impl Window {
             openings,
             next: None,
             exporting: None,
+            editing: None,
             saving: Vec::new(),
             recent,
             dialog: None,
@@ -173,7 +176,8 @@ impl Window {
             if matches!(command, Command::Undo | Command::Redo) {
                 return self.messages.remark(problem);
             }
-            let about = if command.file().is_some() { About::Work } else { About::Scene };
+            let is_work = command.takes_time() || command.file().is_some();
+            let about = if is_work { About::Work } else { About::Scene };
             self.messages.say(about, command.failure(&problem));
         }
     }
@@ -247,7 +251,9 @@ impl Window {
             Command::LoseGpu => self.views.device().into_iter().for_each(Device::lose),
             Command::Open(paths, placing) => self.open(paths, *placing)?,
             Command::OpenAs(path, description, placing) => self.open_as(path, description, *placing)?,
-            Command::Export(path) => self.export(path)?,
+            Command::Export(path, form) => self.export(path, form)?,
+            Command::Mesh(path, form) => self.mesh(path, form)?,
+            Command::Edit(changes) => self.edit(changes)?,
             _ => {
                 let camera = moved(command, &self.state.scene, &self.places(), self.volume_view.size_px)?;
                 let camera = camera.ok_or("this command has no effect here")?;
@@ -286,7 +292,8 @@ impl Window {
 
     /// Whether files are being read or written.
     fn is_busy(&self) -> bool {
-        self.openings.are_busy() || self.next.is_some() || self.exporting.is_some() || !self.saving.is_empty()
+        let is_writing = self.exporting.is_some() || self.editing.is_some() || !self.saving.is_empty();
+        self.openings.are_busy() || self.next.is_some() || is_writing
     }
 
     /// Whether the pictures are complete until something changes; an empty window has none.
@@ -485,6 +492,7 @@ impl Window {
                 self.openings.show(ui);
                 self.next.iter().for_each(|next| next.openings.show(ui));
                 self.exporting.iter().for_each(|exporting| exporting.show(ui));
+                self.editing.iter().for_each(|editing| editing.show(ui));
                 self.saving.iter().for_each(|saving| work_row::show_writing(ui, saving.path()));
                 if let Some((path, share)) = capturing {
                     is_given_up = work_row::show_share(ui, "drawing", path, share);

@@ -3,8 +3,9 @@
 
 use crate::session::volume_source::VolumeSource;
 use brickyard_export::{self as export_files, ExportError, ExportRequest, Exported};
+use brickyard_extract::{self as extract, MeshError, MeshReport, MeshRequest};
 use brickyard_import::{self as import, ImportError, Source};
-use brickyard_store::{self as store, Exists, OpenError, PackError, PackOptions, Store};
+use brickyard_store::{self as store, Edit, EditError, EditReport, Exists, OpenError, PackError, PackOptions, Store};
 use std::any::Any;
 use std::io;
 use std::ops::ControlFlow;
@@ -60,6 +61,12 @@ impl Meter {
     /// Whether the work is to stop.
     pub fn is_cancelled(&self) -> bool {
         self.is_cancelled.load(Ordering::Relaxed)
+    }
+
+    /// Sets the bytes done and in all. Returns whether to continue.
+    pub fn flow(&self, done_bytes: u64, total_bytes: u64) -> ControlFlow<()> {
+        self.set(done_bytes, total_bytes);
+        if self.is_cancelled() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     }
 
     /// Keeps a message for the user, of one sentence.
@@ -258,10 +265,39 @@ impl store::Progress for PackMeter<'_> {
 /// Exports a level of a store, or a box of it, in the background, like [`export()`](brickyard_export::export()).
 pub fn export(store: Arc<Store>, output: PathBuf, request: ExportRequest) -> Background<Exported, ExportError> {
     Background::start(move |meter| {
-        export_files::export(&store, &output, &request, |done, total| {
-            meter.set(done, total);
-            if meter.is_cancelled() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
-        })
+        export_files::export(&store, &output, &request, |done, total| meter.flow(done, total))
+    })
+}
+
+/// Writes a surface of a store as a mesh in the background, like [`mesh()`](brickyard_extract::mesh()).
+pub fn mesh(store: Arc<Store>, output: PathBuf, request: MeshRequest) -> Background<MeshReport, MeshError> {
+    Background::start(move |meter| extract::mesh(&store, &output, &request, |done, total| meter.flow(done, total)))
+}
+
+/// Errors in editing a store and opening it again.
+#[derive(Debug, thiserror::Error)]
+pub enum EditingError {
+    /// The edit is refused, or failed.
+    #[error(transparent)]
+    Edit(#[from] EditError),
+    /// The edited store does not open.
+    #[error("{store} is edited, but does not open again: {error}", store = store.display())]
+    Open {
+        /// The store.
+        store: PathBuf,
+        /// The reason.
+        #[source]
+        error: OpenError,
+    },
+}
+
+/// Edits a store's metadata in the background, and opens it with the new values. An edit is over at once, and is not
+/// cancelled.
+pub fn edit(store: PathBuf, edit: Edit) -> Background<(EditReport, VolumeSource), EditingError> {
+    Background::start(move |_| {
+        let report = store::edit(&store, &edit)?;
+        let volume = VolumeSource::open(&store).map_err(|error| EditingError::Open { store, error })?;
+        Ok((report, volume))
     })
 }
 

@@ -193,6 +193,13 @@ impl Opening {
         }
     }
 
+    /// Follows the store with its edited metadata, opened as `volume`, instead of the one before. Returns it with the volume's name.
+    pub fn reopened(&mut self, volume: VolumeSource) -> VolumeSource {
+        self.follower = None;
+        self.follow(&volume);
+        volume.named(&self.name)
+    }
+
     /// Whether the open store can grow, and needs polling now and then.
     pub fn is_following(&self) -> bool {
         self.follower.is_some()

@@ -36,7 +36,7 @@ pub(crate) struct ImageLabels {
 }
 
 impl ImageLabels {
-    /// A store's place; `None` unless it is directly in the folder `labels` of an OME-Zarr image of the stores' version.
+    /// A store's place; `None` unless directly in the folder `labels` of an OME-Zarr image of the stores' version.
     pub(crate) fn around(store: &Path) -> Result<Option<Self>, DiskError> {
         let Some(image) = image_around(store) else { return Ok(None) };
         let root = root_of(&image)?;
@@ -175,7 +175,7 @@ fn list_path(folder: &Path) -> PathBuf {
     folder.join("zarr.json")
 }
 
-/// Reads the list in a folder of labels, if there is one, and checks all of it that matters.
+/// Reads the list in a folder of labels, if there is one, and checks its form.
 fn list_in(folder: &Folder) -> Result<Option<Value>, OpenError> {
     let path = list_path(folder.path());
     let list = match read_json(folder, &path) {

@@ -1,21 +1,29 @@
-//! Dialogs about files: which to open or to add, and the name and size of a picture, scene or export to write. A dialog stays until it gives a
-//! command or is closed.
+//! Dialogs about files: which to open or to add; the name and form of a picture, scene, export or mesh to write; and the metadata of a store. A dialog
+//! stays until it gives a command or is closed; that about metadata until these are edited, so that a refusal is read beside the values.
 
 use crate::command::{Command, PictureForm, Placing};
-use crate::exporting::Part;
 use crate::file_browser::FileBrowser;
 use crate::keys::{PICTURE_FILE, SCENE_FILE};
 use crate::marks::Marks;
 use crate::panels::description::Description;
+use crate::panels::edit_form::{EditForm, MetadataEdit};
+use crate::panels::export_form::ExportForm;
+use crate::panels::mesh_form::{MeshForm, shown_surface};
 use crate::panels::widgets::{group, row};
+use crate::part::{Part, first_store};
 use brickyard::export::paths_of;
+use brickyard::extract::{MeshSurface, check_mesh};
 use brickyard::session::VolumeSource;
-use brickyard::volume::{Extent, Scene};
+use brickyard::volume::Scene;
 use eframe::egui::{self, Button, DragValue, Key, RichText, TextEdit, Ui, pos2};
 use std::path::{Path, PathBuf};
 
 /// The file for exported voxels, in the folder the window was opened from.
 const VOXELS_FILE: &str = "brickyard.npy";
+
+/// The file for a mesh of one object, and of several.
+const MESH_FILE: &str = "brickyard.ply";
+const MESHES_FILE: &str = "brickyard.glb";
 
 /// Names of exports, by their formats.
 const FORMATS: &str = "choose a name ending in .zarr, .nii, .nii.gz, .nrrd, .mha, .mhd, .vti, .tif (ImageJ), .ome.tif, .npy (NumPy), .raw or, for a \
@@ -36,6 +44,8 @@ pub(crate) enum DialogKind {
     SavePicture,
     SaveScene,
     Export,
+    Mesh,
+    Edit,
 }
 
 /// An open dialog.
@@ -46,8 +56,14 @@ pub(crate) struct Dialog {
     path: String,
     /// The description of files to open.
     description: Description,
-    /// The error of opening a file with it.
+    /// The error of opening a file with it, or of editing metadata.
     problem: String,
+    export: ExportForm,
+    mesh: MeshForm,
+    /// The form of the store's metadata, once it is shown.
+    edit: Option<EditForm>,
+    /// Whether the first field is to get the focus.
+    wants_focus: bool,
     size_px: (u32, u32),
     marks: Marks,
 }
@@ -56,7 +72,8 @@ impl Dialog {
     /// Creates a dialog about files of a folder, and a picture of this shown size and marks.
     pub(crate) fn new(kind: DialogKind, folder: &Path, shown_px: (u32, u32), marks: Marks) -> Self {
         let path = match kind {
-            DialogKind::Open(_) | DialogKind::Describe(_) => "",
+            // A mesh's name follows from its surface.
+            DialogKind::Open(_) | DialogKind::Describe(_) | DialogKind::Mesh | DialogKind::Edit => "",
             DialogKind::SavePicture => PICTURE_FILE,
             DialogKind::SaveScene => SCENE_FILE,
             DialogKind::Export => VOXELS_FILE,
@@ -67,6 +84,10 @@ impl Dialog {
             path: path.into(),
             description: Description::default(),
             problem: String::new(),
+            export: ExportForm::default(),
+            mesh: MeshForm::default(),
+            edit: None,
+            wants_focus: true,
             size_px: shown_px,
             marks,
         }
@@ -80,6 +101,16 @@ impl Dialog {
     /// Whether the dialog is about files to open, and ends once some are.
     pub(crate) fn is_about_opening(&self) -> bool {
         matches!(self.kind, DialogKind::Open(_))
+    }
+
+    /// Whether the dialog is about a store's metadata, and ends once they are edited.
+    pub(crate) fn is_about_metadata(&self) -> bool {
+        self.kind == DialogKind::Edit
+    }
+
+    /// Shows the reason why metadata were not edited.
+    pub(crate) fn refuse(&mut self, problem: String) {
+        self.problem = problem;
     }
 
     /// Shows the dialog over a window. Returns whether it stays, and its command.
@@ -97,6 +128,8 @@ impl Dialog {
             DialogKind::SavePicture => "Save picture",
             DialogKind::SaveScene => "Save scene",
             DialogKind::Export => "Export voxels",
+            DialogKind::Mesh => "Export mesh",
+            DialogKind::Edit => "Edit metadata",
         };
         let mut is_open = true;
         // Beside the text of an empty window, below the menu.
@@ -111,11 +144,13 @@ impl Dialog {
                 self.save_picture(ui, shown_px, scene.is_anatomical(&places))
             }
             DialogKind::SaveScene => self.save(ui, "Save scene").map(Command::SaveScene),
-            DialogKind::Export => self.export(ui, Part::of(scene, volumes)),
+            DialogKind::Export => self.export(ui, Part::of(scene, volumes, self.export.level)),
+            DialogKind::Mesh => self.mesh(ui, scene, volumes),
+            DialogKind::Edit => self.edit(ui, scene, volumes).map(Command::Edit),
         });
         let command = shown.and_then(|shown| shown.inner).flatten();
         let is_left = !is_open || egui.input(|input| input.key_pressed(Key::Escape));
-        (!is_left && command.is_none(), command)
+        (!is_left && (command.is_none() || self.is_about_metadata()), command)
     }
 
     /// Shows the list of files, and the description of the chosen one.
@@ -184,24 +219,77 @@ impl Dialog {
     fn export(&mut self, ui: &mut Ui, part: Result<Part, String>) -> Option<Command> {
         ui.label("Stored voxels of the first visible layer, within clip box and crop.");
         let (path, is_entered) = self.file(ui);
+        let mut files = None;
         let problem = match &part {
             Err(problem) => Some(problem.as_str()),
-            Ok(_) => match paths_of(&path) {
-                None => Some(FORMATS),
-                Some(files) if files.iter().any(|file| file.exists()) => Some("this file exists: choose another name"),
-                Some(_) => None,
-            },
+            Ok(part) => {
+                self.export.show(ui, Some(part));
+                let mib = self.export.bytes(part) as f64 / f64::from(1 << 20);
+                ui.label(format!("{}: {mib:.1} MiB", part.in_words()));
+                files = paths_of(&path);
+                if files.is_none() { Some(FORMATS) } else { self.export.problem() }
+            }
         };
-        if let Ok(part) = &part {
-            let Extent { x, y, z } = part.extent;
-            let mib = part.bytes() as f64 / f64::from(1 << 20);
-            ui.label(format!("{x} x {y} x {z} voxels, {}: {mib:.1} MiB", part.voxel_type()));
+        self.export.replaces = files.is_some_and(|files| files.iter().any(|file| file.symlink_metadata().is_ok()));
+        let replaces = self.export.replaces;
+        self.confirm(ui, problem, replaces, is_entered).then(|| Command::Export(path, self.export.clone()))
+    }
+
+    fn mesh(&mut self, ui: &mut Ui, scene: &Scene, volumes: &[VolumeSource]) -> Option<Command> {
+        ui.label("A surface of the first visible layer, within clip box and crop, as triangles.");
+        let shown = shown_surface(scene, volumes);
+        if self.path.is_empty() && self.wants_focus {
+            self.path = if shown == Ok(MeshSurface::Labels) { MESHES_FILE } else { MESH_FILE }.into();
         }
-        if let Some(problem) = problem {
+        let (path, is_entered) = self.file(ui);
+        self.mesh.replaces = path.symlink_metadata().is_ok();
+        let problem = shown.and_then(|shown| {
+            let part = Part::of(scene, volumes, self.mesh.level)?;
+            let (_, volume, store) = first_store(scene, volumes)?;
+            self.mesh.show(ui, &part, volume, shown);
+            ui.label(part.in_words());
+            let request = self.mesh.request(&part, shown);
+            match self.mesh.problem(&part, shown) {
+                Some(problem) => Err(problem),
+                None => check_mesh(store, &path, &request).map_err(|error| error.to_string()),
+            }
+        });
+        let replaces = self.mesh.replaces;
+        let problem = problem.err();
+        self.confirm(ui, problem.as_deref(), replaces, is_entered).then(|| Command::Mesh(path, self.mesh.clone()))
+    }
+
+    /// Shows the problem with an export, or the warning that its file exists, and the button. Returns whether to export.
+    fn confirm(&self, ui: &mut Ui, problem: Option<&str>, replaces: bool, is_entered: bool) -> bool {
+        let warning = replaces.then_some("This file exists: it will be replaced.");
+        if let Some(text) = problem.or(warning) {
+            ui.colored_label(ui.visuals().warn_fg_color, text);
+        }
+        let name = if replaces { "Replace" } else { "Export" };
+        let is_clicked = ui.add_enabled(problem.is_none(), Button::new(name)).clicked();
+        is_clicked || is_entered && problem.is_none()
+    }
+
+    fn edit(&mut self, ui: &mut Ui, scene: &Scene, volumes: &[VolumeSource]) -> Option<MetadataEdit> {
+        let store = match first_store(scene, volumes) {
+            Ok((_, _, store)) => store,
+            Err(problem) => {
+                ui.colored_label(ui.visuals().warn_fg_color, problem);
+                return None;
+            }
+        };
+        ui.label("Metadata of the first visible layer's store. Voxels stay as they are.");
+        ui.label(RichText::new(store.path().display().to_string()).weak());
+        let form = self.edit.get_or_insert_with(|| EditForm::of(store));
+        let is_entered = form.show(ui, std::mem::take(&mut self.wants_focus));
+        let changes = form.changes();
+        let problem = changes.as_ref().err().unwrap_or(&self.problem);
+        if !problem.is_empty() {
             ui.colored_label(ui.visuals().warn_fg_color, problem);
         }
-        let is_clicked = ui.add_enabled(problem.is_none(), Button::new("Export")).clicked();
-        (is_clicked || is_entered && problem.is_none()).then_some(Command::Export(path))
+        let changes = changes.ok().filter(|changes| *changes != MetadataEdit::default());
+        let is_clicked = ui.add_enabled(changes.is_some(), Button::new("Apply")).clicked();
+        changes.filter(|_| is_clicked || is_entered)
     }
 
     /// Shows a file's name and full path. Returns the path, and whether Enter ended it.
@@ -209,6 +297,9 @@ impl Dialog {
         let is_entered = row(ui, "file", FILE_HINT, |ui, label| {
             let field = TextEdit::singleline(&mut self.path).desired_width(f32::INFINITY);
             let field = ui.add(field).labelled_by(label);
+            if std::mem::take(&mut self.wants_focus) {
+                field.request_focus();
+            }
             field.lost_focus() && ui.input(|input| input.key_pressed(Key::Enter))
         });
         let path = PathBuf::from(&self.path);
@@ -224,10 +315,10 @@ mod tests {
     use crate::state::WindowState;
     use brickyard::import::{SynthKind, SynthSource};
     use brickyard::store::{PackOptions, pack};
-    use brickyard::volume::VoxelType;
+    use brickyard::volume::{Extent, VoxelType};
     use eframe::egui::accesskit::Role;
     use egui_kittest::Harness;
-    use egui_kittest::kittest::Queryable;
+    use egui_kittest::kittest::{NodeT, Queryable};
     use glam::DVec3;
 
     /// A dialog, and its result.
@@ -322,21 +413,117 @@ mod tests {
         let mut with_store = harness(DialogKind::Export, folder.path(), scene, volumes);
         with_store.run();
         assert!(with_store.query_by_label_contains("6 x 17 x 5 voxels, u16").is_some());
-        for (name, problem) in [("a.xyz", "ending in .zarr"), ("there.raw", "choose another name")] {
-            std::fs::write(folder.path().join("there.raw"), "mine").unwrap();
-            with_store.state_mut().dialog.path = folder.path().join(name).display().to_string();
-            with_store.run();
-            assert!(with_store.query_by_label_contains(problem).is_some(), "{name}");
-            click(&mut with_store, "Export");
-            assert_eq!(with_store.state().command, None, "{name}");
-        }
+        with_store.state_mut().dialog.path = folder.path().join("a.xyz").display().to_string();
+        with_store.run();
+        assert!(with_store.query_by_label_contains("ending in .zarr").is_some());
+        click(&mut with_store, "Export");
+        assert_eq!(with_store.state().command, None);
         with_store.state_mut().dialog.path = "b.raw".into();
         with_store.run();
         click(&mut with_store, "Export");
-        assert_eq!(with_store.state().command, Some(Command::Export("b.raw".into())));
+        assert_eq!(with_store.state().command, Some(Command::Export("b.raw".into(), ExportForm::default())));
+        // A header is written beside it, so it is replaced, too.
+        std::fs::write(folder.path().join("there.raw.json"), "mine").unwrap();
+        let there = folder.path().join("there.raw");
+        with_store.state_mut().dialog.path = there.display().to_string();
+        with_store.run();
+        assert!(with_store.query_by_label_contains("it will be replaced").is_some());
+        click(&mut with_store, "Replace");
+        let form = ExportForm { replaces: true, ..ExportForm::default() };
+        assert_eq!(with_store.state().command, Some(Command::Export(there, form)));
         let mut of_preview =
             harness(DialogKind::Export, folder.path(), Scene::default(), vec![crate::nothing::volume()]);
         of_preview.run();
         assert!(of_preview.query_by_label_contains("until this volume is packed").is_some());
+    }
+    fn series(folder: &Path) -> Vec<VolumeSource> {
+        vec![crate::part::tests::store(folder)]
+    }
+
+    #[test]
+    fn level_and_steps_of_an_export_are_chosen() {
+        let folder = tempfile::tempdir().unwrap();
+        let scene = Scene { time: 1, ..Scene::default() };
+        let mut harness = harness(DialogKind::Export, folder.path(), scene, series(folder.path()));
+        harness.run();
+        click(&mut harness, "all");
+        harness
+            .get_all_by_label("level")
+            .find(|node| node.accesskit_node().role() == Role::SpinButton)
+            .unwrap()
+            .focus();
+        harness.run();
+        harness.key_press(Key::ArrowUp);
+        harness.run();
+        assert!(harness.query_by_label_contains("15 x 10 x 5 voxels, u16: 0.0 MiB").is_some());
+        click(&mut harness, "Export");
+        let expected = ExportForm::read("level=1 steps=0-2 x").unwrap().0;
+        let path = folder.path().join(VOXELS_FILE);
+        assert_eq!(harness.state().command, Some(Command::Export(path, expected)));
+    }
+
+    #[test]
+    fn a_mesh_is_of_what_is_shown_and_says_why_it_cannot_be() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut scene = Scene::default();
+        scene.layers[0].window = Some([20000.0, 40000.0]);
+        let mut harness = harness(DialogKind::Mesh, folder.path(), scene, series(folder.path()));
+        let path = folder.path().join("a.stl");
+        for (name, problem) in [("a.xyz", "choose a name ending in .stl"), ("a.zarr/a.stl", "inside")] {
+            harness.state_mut().dialog.path = folder.path().join(name).display().to_string();
+            harness.run();
+            assert!(harness.query_by_label_contains(problem).is_some(), "{name}");
+            click(&mut harness, "Export");
+            assert_eq!(harness.state().command, None, "{name}");
+        }
+        harness.state_mut().dialog.path = path.display().to_string();
+        harness.run();
+        click(&mut harness, "Export");
+        let expected = MeshForm::read("isovalue=30000 a.stl").unwrap().0;
+        assert_eq!(harness.state().command, Some(Command::Mesh(path.clone(), expected)));
+        harness.state_mut().command = None;
+        for (typed, problem) in [("1e9", "no value is as high"), ("25000", "it will be replaced")] {
+            std::fs::write(&path, "mine").unwrap();
+            harness.get_by_role_and_label(Role::SpinButton, "isovalue").focus();
+            harness.run();
+            harness.get_by_role_and_label(Role::SpinButton, "isovalue").type_text(typed);
+            harness.run();
+            harness.key_press(Key::Enter);
+            harness.run();
+            assert!(harness.query_by_label_contains(problem).is_some(), "{typed}");
+            click(&mut harness, "Replace");
+            assert_eq!(harness.state().command.is_some(), typed == "25000", "{typed}");
+        }
+        let expected = MeshForm::read("isovalue=25000 replace=yes a.stl").unwrap().0;
+        assert_eq!(harness.state().command, Some(Command::Mesh(path, expected)));
+    }
+
+    #[test]
+    fn metadata_are_typed_and_a_refusal_is_shown_beside_them() {
+        let folder = tempfile::tempdir().unwrap();
+        let volumes = series(folder.path());
+        let mut harness = harness(DialogKind::Edit, folder.path(), Scene::default(), volumes);
+        harness.run();
+        // Nothing is changed yet.
+        click(&mut harness, "Apply");
+        assert_eq!(harness.state().command, None);
+        harness.get_by_role_and_label(Role::TextInput, "name").focus();
+        harness.run();
+        harness.get_by_role_and_label(Role::TextInput, "name").type_text("left eye");
+        harness.run();
+        harness.get_by_role_and_label(Role::TextInput, "unit").focus();
+        harness.run();
+        harness.get_by_role_and_label(Role::TextInput, "unit").type_text("parsnip");
+        harness.run();
+        harness.key_press(Key::Enter);
+        harness.run();
+        let expected = serde_json::from_str(r#"{"name": "left eye", "unit": "parsnip"}"#).unwrap();
+        assert_eq!((harness.state().stays, &harness.state().command), (true, &Some(Command::Edit(expected))));
+        harness.state_mut().dialog.refuse("there is no unit parsnip".into());
+        harness.run();
+        assert!(harness.query_by_label_contains("there is no unit parsnip").is_some());
+        harness.key_press(Key::Escape);
+        harness.run();
+        assert!(!harness.state().stays);
     }
 }

@@ -43,9 +43,14 @@ pub(crate) fn add_surfaces(scene: &mut Scene, volumes: &[VolumeSource], first: u
         let volume = volumes.get(scene.store(i)).filter(|volume| !volume.source.is_labels());
         let layer = &mut scene.layers[i];
         let Some(volume) = volume.filter(|_| layer.isosurfaces.is_empty()) else { continue };
-        let [low, high] = layer.window.unwrap_or_else(|| volume.subject(layer.channel).window.into());
-        layer.isosurfaces = vec![Isosurface::at(0.5 * (low + high))];
+        layer.isosurfaces = vec![Isosurface::at(middle(layer, volume))];
     }
+}
+
+/// The middle of a layer's window.
+pub(crate) fn middle(layer: &SceneLayer, volume: &VolumeSource) -> f64 {
+    let [low, high] = layer.window.unwrap_or_else(|| volume.subject(layer.channel).window.into());
+    0.5 * (low + high)
 }
 
 /// Removes lent surfaces. A layer with other or more surfaces keeps them all.

@@ -91,6 +91,8 @@ fn files(ui: &mut Ui, subject: Subject<'_>, commands: &mut Vec<Command>) {
             ("Save picture...", DialogKind::SavePicture),
             ("Save scene as...", DialogKind::SaveScene),
             ("Export voxels...", DialogKind::Export),
+            ("Export mesh...", DialogKind::Mesh),
+            ("Edit metadata...", DialogKind::Edit),
         ] {
             if ui.button(text).clicked() {
                 *wanted = Some(kind);

@@ -1,15 +1,20 @@
-//! The window's work with files: opening volumes instead of others or beside them, and exporting voxels. It runs in the background, polled once a
-//! frame.
+//! The window's work with files: opening volumes instead of others or beside them, exporting voxels and meshes, and editing metadata. It runs in the
+//! background, polled once a frame.
 
 use super::{Window, warning};
 use crate::command::{Command, Placing};
+use crate::editing::{self, Editing};
 use crate::edits::with_more;
-use crate::exporting::{Exporting, Part};
+use crate::exporting::Exporting;
 use crate::keeping::{self, Keeper};
 use crate::marks::Marks;
 use crate::opening::Openings;
 use crate::panels::description::Description;
 use crate::panels::dialogs::{Dialog, DialogKind};
+use crate::panels::edit_form::MetadataEdit;
+use crate::panels::export_form::ExportForm;
+use crate::panels::mesh_form::{MeshForm, shown_surface};
+use crate::part::{Part, first_store};
 use brickyard::channels::default_layers;
 use brickyard::first_look::set_first_look;
 use brickyard::openable::is_mesh;
@@ -90,11 +95,15 @@ impl Window {
         self.set(&[("meshes".into(), meshes)])
     }
 
-    /// Shows newly opened volumes, and reports the end of an export.
+    /// Shows newly opened volumes, and reports the end of an export or edit.
     pub(super) fn follow_files(&mut self, egui: &egui::Context) -> Result<(), String> {
         if let Some(ended) = self.exporting.as_mut().and_then(Exporting::poll) {
             let is_stopped = self.exporting.take().is_some_and(|exporting| exporting.is_stopped());
-            self.say_ended(|command| matches!(command, Command::Export(_)), ended, is_stopped);
+            self.say_ended(Command::exports, ended, is_stopped);
+        }
+        if let Some(ended) = self.editing.as_mut().and_then(Editing::poll) {
+            self.editing = None;
+            self.take_edited(ended, egui);
         }
         let changes = self.openings.poll();
         changes.messages.into_iter().last().into_iter().for_each(|text| self.messages.notice(text));
@@ -190,13 +199,71 @@ impl Window {
         Ok(())
     }
 
-    /// Starts exporting the visible voxels of the first visible layer.
-    pub(super) fn export(&mut self, path: &Path) -> Result<(), String> {
+    /// Starts exporting visible voxels of the first visible layer.
+    pub(super) fn export(&mut self, path: &Path, form: &ExportForm) -> Result<(), String> {
+        let part = self.part_to_export(form.level)?;
+        if let Some(problem) = form.problem() {
+            return Err(problem.into());
+        }
+        let request = form.request(&part);
+        self.exporting = Some(Exporting::voxels(part.store, path, request));
+        Ok(())
+    }
+
+    /// Starts writing a surface of the first visible layer.
+    pub(super) fn mesh(&mut self, path: &Path, form: &MeshForm) -> Result<(), String> {
+        let part = self.part_to_export(form.level)?;
+        let request = form.request(&part, shown_surface(&self.state.scene, self.views.volumes())?);
+        self.exporting = Some(Exporting::mesh(part.store, path, request));
+        Ok(())
+    }
+
+    fn part_to_export(&self, level: u8) -> Result<Part, String> {
         if self.exporting.is_some() {
             return Err("another export is still running".into());
         }
-        let part = Part::of(&self.state.scene, self.views.volumes())?;
-        self.exporting = Some(Exporting::start(part, path));
+        Part::of(&self.state.scene, self.views.volumes(), level)
+    }
+
+    /// Starts editing the metadata of the first visible layer's store.
+    pub(super) fn edit(&mut self, changes: &MetadataEdit) -> Result<(), String> {
+        if self.editing.is_some() {
+            return Err("another edit is still running".into());
+        }
+        let (_, _, store) = first_store(&self.state.scene, self.views.volumes())?;
+        self.editing = Some(Editing::start(store, changes)?);
+        Ok(())
+    }
+
+    /// Goes on with an edited store, or tells the reason for its refusal, in the dialog if there is one.
+    fn take_edited(&mut self, ended: Result<(String, VolumeSource), String>, egui: &egui::Context) {
+        let is_edit = |command: &Command| matches!(command, Command::Edit(_));
+        let dialog = self.dialog.as_mut().filter(|dialog| dialog.is_about_metadata());
+        let ended = match (ended, dialog) {
+            (Err(problem), Some(dialog)) if self.script.is_over() => return dialog.refuse(problem),
+            (Err(problem), _) => Err(problem),
+            (Ok((said, volume)), dialog) => {
+                if dialog.is_some() {
+                    self.dialog = None;
+                }
+                self.show_edited(&volume, egui).map(|()| said)
+            }
+        };
+        self.say_ended(is_edit, ended, false);
+    }
+
+    /// Shows a store with its new metadata. The camera stays, unless the volume's place has changed: then it sees everything from its side.
+    fn show_edited(&mut self, volume: &VolumeSource, egui: &egui::Context) -> Result<(), String> {
+        let before = self.views.volumes().to_vec();
+        self.openings.take_edited(volume);
+        let after = self.openings.volumes();
+        self.views.set_volumes(after.clone()).map_err(|error| error.to_string())?;
+        if editing::take_up(&mut self.state, &before, &after) {
+            // Undone, edits would bring back places of the former world.
+            self.history.clear();
+            self.try_perform(&Command::Fit, egui)?;
+        }
+        self.messages.warn(warning(&self.state.scene, self.views.volumes()));
         Ok(())
     }
 

@@ -48,7 +48,7 @@ fn image_in(dir: &Path) -> PathBuf {
     image
 }
 
-/// The root document's root as older versions wrote it.
+/// Writes a store's root document as older versions did.
 fn make_old(path: &Path) {
     let store = Store::open(path).unwrap();
     let info = StoreInfo { image_label: false, ..store.info().clone() };

@@ -45,7 +45,7 @@ fn show_store(scene: &mut Scene, volumes: &[VolumeSource], layer: usize, store: 
     (style.source, style.channel, style.crop) = (Some(store), 0, None);
 }
 
-/// Shows the store's voxel size, set when the file was opened.
+/// Shows the store's voxel size.
 fn voxels(ui: &mut Ui, volume: &VolumeSource) {
     let geometry = volume.source.geometry();
     let stride = volume.stride().map(f64::from);
@@ -53,7 +53,8 @@ fn voxels(ui: &mut Ui, volume: &VolumeSource) {
     let [x, y, z] = size.to_array().map(|length| significant(length, 4));
     let unit = geometry.units_in_words();
     let text = format!("{x} x {y} x {z} {}", unit.as_deref().unwrap_or("(no unit)"));
-    let hint = "from the file, or set when it was opened (Open..., missing from the file)";
+    let hint =
+        "from the file, set when it was opened (Open..., missing from the file), or edited (File, Edit metadata...)";
     row(ui, "voxel size", hint, |ui, _| ui.add(Label::new(text).truncate()).on_hover_text(hint));
 }
 
