@@ -200,63 +200,6 @@ fn a_file_opens_with_what_is_said_of_it() {
     assert_eq!(target, json!([4.75, 3.75, 11.0]));
 }
 
-/// An open window of 900 x 600 pixels, driven by hand.
-struct ByHand<'a> {
-    display: &'a Display,
-    sandbox: &'a Sandbox,
-    window: std::process::Child,
-}
-
-impl<'a> ByHand<'a> {
-    fn open(display: &'a Display, sandbox: &'a Sandbox, store: &str) -> Self {
-        let arguments = [store, "--backend", "cpu", "--size", "900x600", "--fresh"];
-        let window = display.view(sandbox.path(".").as_path(), &arguments).spawn().expect("it runs");
-        display.focus();
-        let opened = Self { display, sandbox, window };
-        opened.document();
-        opened
-    }
-
-    /// Opens the dialog of an entry of the menu *File*, this far down.
-    fn choose(&self, down: u32) {
-        self.display.input("mousemove 20 12 sleep 0.5 click 1 sleep 1");
-        self.display.input(&format!("mousemove 60 {down} sleep 0.5 click 1 sleep 1"));
-    }
-
-    /// Sends input, slowly enough for one frame each.
-    fn input(&self, inputs: &[&str]) {
-        inputs.iter().for_each(|words| self.display.input(&format!("{words} sleep 0.7")));
-    }
-
-    /// The window's document, saved by a key.
-    fn document(&self) -> Value {
-        let begun = std::time::Instant::now();
-        self.wait(|| {
-            if begun.elapsed().as_secs().is_multiple_of(5) {
-                self.display.input("key ctrl+s sleep 0.5");
-            }
-            let text = std::fs::read(self.sandbox.path("brickyard.json")).ok()?;
-            serde_json::from_slice::<Value>(&text).ok()
-        })
-    }
-
-    fn wait<T>(&self, mut look: impl FnMut() -> Option<T>) -> T {
-        let begun = std::time::Instant::now();
-        loop {
-            if let Some(found) = look() {
-                return found;
-            }
-            assert!(begun.elapsed().as_secs() < 60, "it does not come");
-            std::thread::sleep(std::time::Duration::from_millis(20));
-        }
-    }
-
-    fn quit(mut self) {
-        self.display.input("key ctrl+q");
-        assert!(self.window.wait().expect("it ends").success());
-    }
-}
-
 /// Whether each edge of a binary STL file's triangles has as many triangles in one direction as in the other.
 fn is_closed(stl: &[u8]) -> bool {
     let mut edges = std::collections::HashMap::<[[u8; 12]; 2], i64>::new();
@@ -271,59 +214,11 @@ fn is_closed(stl: &[u8]) -> bool {
 }
 
 #[test]
-fn a_mesh_is_made_by_hand_and_is_the_commands() {
-    let (Some(display), test, sandbox) = (Display::start(), store(40), Sandbox::in_memory()) else { return };
-    let path = test.path().display().to_string();
-    let opened = ByHand::open(&display, &sandbox, &path);
-    opened.choose(232);
-    // From the file's name to the isovalue, and back.
-    opened.input(&["key Tab", "type 120.5", "key Tab", "mousemove 600 129 click 1", "key ctrl+a"]);
-    // There is no such format: nothing happens.
-    opened.input(&["type part.xyz", "key Return"]);
-    opened.input(&["mousemove 600 129 click 1", "key ctrl+a", "type part.stl", "key Return"]);
-    opened.wait(|| sandbox.path("part.stl").exists().then_some(()));
-    sandbox.run_ok(&format!("mesh {path} expected.stl --isovalue 120.5"));
-    let mesh = sandbox.read("part.stl");
-    assert!(is_closed(&mesh), "it is open");
-    assert!(!is_closed(&mesh[..mesh.len() - 50]), "a missing triangle is not seen");
-    assert!(mesh == sandbox.read("expected.stl") && !sandbox.path("part.xyz").exists());
-    opened.quit();
-}
-
-#[test]
-fn metadata_are_edited_by_hand_and_the_window_goes_on_with_them() {
-    let (Some(display), test, sandbox) = (Display::start(), store(40), Sandbox::in_memory()) else { return };
-    let path = test.path().display().to_string();
-    let info = || serde_json::from_str::<Value>(&sandbox.run_ok(&format!("info {path} --json"))).expect("JSON");
-    let before = info();
-    let opened = ByHand::open(&display, &sandbox, &path);
-    opened.choose(255);
-    let to_unit = ["key Tab"; 4];
-    opened.input(&["type left-eye", "key Tab", "type -- -1", "key Tab", "key Tab"]);
-    opened.input(&to_unit);
-    opened.input(&["type um", "key Return", "sleep 1"]);
-    assert_eq!(info(), before, "a negative voxel size is refused");
-    // The dialog has stayed, with what was typed.
-    opened.input(&["mousemove 476 170 click 1", "type 0.5", "key Tab", "type 0.5", "key Tab", "type 2"]);
-    opened.input(&to_unit);
-    opened.input(&["key Return"]);
-    let after = opened.wait(|| Some(info()).filter(|after| *after != before));
-    assert_eq!((&after["spacing"], &after["name"]), (&json!([0.5, 0.5, 2.0]), &json!("left-eye")), "{after}");
-    assert!(after.to_string().contains("micrometer"), "{after}");
-    std::fs::remove_file(sandbox.path("brickyard.json")).expect("the first document");
-    // The dialog has closed, so that keys are the window's again; the camera sees the volume in its new place.
-    let target = &opened.document()["camera"]["target"];
-    let far = |axis: usize, place: f64| (target[axis].as_f64().expect("a number") - place).abs();
-    assert!(far(0, 9.75) + far(1, 8.0) + far(2, 35.0) < 1e-6, "{target}");
-    opened.quit();
-}
-
-#[test]
 fn scripts_make_meshes_and_edit() {
     let (Some(display), test, sandbox) = (Display::start(), store(40), Sandbox::in_memory()) else { return };
     let path = test.path().display().to_string();
     let script = "0 set clip [[2.5, 3.9, -9], [30.5, 17.2, 29.5]]\n0 mesh isovalue=120 level=1 smooth=3 part.obj\n\
-        settled export level=1 steps=0-1 part.npy\nsettled export level=1 replace=yes part.npy\n\
+        settled mesh isovalue=120.5 part.stl\nsettled export level=1 steps=0-1 part.npy\nsettled export level=1 replace=yes part.npy\n\
         settled edit {\"unit\": \"mm\", \"channel_names\": {\"0\": \"DAPI\"}}\nsettled save-scene kept.json\nsettled quit\n";
     play(&display, &sandbox, &[&path], script);
     sandbox.run_ok(&format!("mesh {path} expected.obj --isovalue 120 --level 1 --smooth 3 --roi 1:16,2:9,0:15"));
@@ -335,6 +230,8 @@ fn scripts_make_meshes_and_edit() {
         text.lines().filter(|line| !line.starts_with('#')).map(str::to_owned).collect::<Vec<_>>()
     };
     assert!(lines("part.obj") == lines("expected.obj"), "another surface");
+    let mesh = sandbox.read("part.stl");
+    assert!(is_closed(&mesh) && !is_closed(&mesh[..mesh.len() - 50]), "it is open, or a missing triangle is not seen");
     // Another unit or name is no other place.
     assert_eq!(document(&sandbox, "kept.json")["clip"], json!([[2.5, 3.9, -9.0], [30.5, 17.2, 29.5]]));
     let said = sandbox.run_ok(&format!("info {path} --json"));

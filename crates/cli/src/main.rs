@@ -99,7 +99,7 @@ enum Command {
     /// Check every checksum and statistic of a store, and repair it from its input
     #[command(after_help = examples::VERIFY)]
     Verify(Box<verify::VerifyArguments>),
-    /// Write a level, or a box of it, to .raw or .npy
+    /// Write a store, or a part of it, as NIfTI, NRRD, MetaImage, VTK, TIFF, PNG, OME-Zarr, .npy or .raw
     #[command(after_help = examples::EXPORT)]
     Export(export::ExportArguments),
     /// Write an isosurface, or the borders of labels, to .stl, .ply, .obj or .glb

@@ -1,6 +1,7 @@
 //! Volumes for tests, and a mesh read back with the checks that every mesh must pass.
 
-use crate::extraction::{MeshReport, mesh};
+use crate::extraction::mesh;
+use crate::report::MeshReport;
 use crate::request::MeshRequest;
 use brickyard_import::{ImportError, Source, SourceInfo};
 use brickyard_store::{Downsample, Kind, PackOptions, Store, pack};

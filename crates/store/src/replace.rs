@@ -198,7 +198,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.zarr");
         Destination::new(&path, false).unwrap().put(&new(folder.path())).unwrap();
-        assert_eq!(names(folder.path()), [path.clone()]);
+        assert_eq!(names(folder.path()), std::slice::from_ref(&path));
         assert!(matches!(Destination::new(&path, false), Err(PackError::Exists { unfinished: false, .. })));
         let late = Destination { path: path.clone(), overwrite: false };
         assert!(matches!(late.put(&new(folder.path())), Err(PackError::Exists { .. })));

@@ -144,7 +144,14 @@ impl Dialog {
                 self.save_picture(ui, shown_px, scene.is_anatomical(&places))
             }
             DialogKind::SaveScene => self.save(ui, "Save scene").map(Command::SaveScene),
-            DialogKind::Export => self.export(ui, Part::of(scene, volumes, self.export.level)),
+            DialogKind::Export => {
+                let part = Part::of(scene, volumes, self.export.level);
+                if part.is_err() {
+                    // Another layer's store may have no such level.
+                    self.export.level = 0;
+                }
+                self.export(ui, part)
+            }
             DialogKind::Mesh => self.mesh(ui, scene, volumes),
             DialogKind::Edit => self.edit(ui, scene, volumes).map(Command::Edit),
         });
@@ -223,7 +230,7 @@ impl Dialog {
         let problem = match &part {
             Err(problem) => Some(problem.as_str()),
             Ok(part) => {
-                self.export.show(ui, Some(part));
+                self.export.show(ui, part);
                 let mib = self.export.bytes(part) as f64 / f64::from(1 << 20);
                 ui.label(format!("{}: {mib:.1} MiB", part.in_words()));
                 files = paths_of(&path);
@@ -244,7 +251,8 @@ impl Dialog {
         let (path, is_entered) = self.file(ui);
         self.mesh.replaces = path.symlink_metadata().is_ok();
         let problem = shown.and_then(|shown| {
-            let part = Part::of(scene, volumes, self.mesh.level)?;
+            // Another layer's store may have no such level.
+            let part = Part::of(scene, volumes, self.mesh.level).inspect_err(|_| self.mesh.level = 0)?;
             let (_, volume, store) = first_store(scene, volumes)?;
             self.mesh.show(ui, &part, volume, shown);
             ui.label(part.in_words());
@@ -259,7 +267,7 @@ impl Dialog {
         self.confirm(ui, problem.as_deref(), replaces, is_entered).then(|| Command::Mesh(path, self.mesh.clone()))
     }
 
-    /// Shows the problem with an export, or the warning that its file exists, and the button. Returns whether to export.
+    /// Shows the problem with an export, or the warning that its file exists, and the button. Returns whether to export: only the button replaces files.
     fn confirm(&self, ui: &mut Ui, problem: Option<&str>, replaces: bool, is_entered: bool) -> bool {
         let warning = replaces.then_some("This file exists: it will be replaced.");
         if let Some(text) = problem.or(warning) {
@@ -267,7 +275,7 @@ impl Dialog {
         }
         let name = if replaces { "Replace" } else { "Export" };
         let is_clicked = ui.add_enabled(problem.is_none(), Button::new(name)).clicked();
-        is_clicked || is_entered && problem.is_none()
+        is_clicked || is_entered && problem.is_none() && !replaces
     }
 
     fn edit(&mut self, ui: &mut Ui, scene: &Scene, volumes: &[VolumeSource]) -> Option<MetadataEdit> {
@@ -280,6 +288,8 @@ impl Dialog {
         };
         ui.label("Metadata of the first visible layer's store. Voxels stay as they are.");
         ui.label(RichText::new(store.path().display().to_string()).weak());
+        // The first visible layer may become another store's, to which these values do not belong.
+        self.edit.take_if(|form| !form.is_about(store));
         let form = self.edit.get_or_insert_with(|| EditForm::of(store));
         let is_entered = form.show(ui, std::mem::take(&mut self.wants_focus));
         let changes = form.changes();
@@ -289,7 +299,11 @@ impl Dialog {
         }
         let changes = changes.ok().filter(|changes| *changes != MetadataEdit::default());
         let is_clicked = ui.add_enabled(changes.is_some(), Button::new("Apply")).clicked();
-        changes.filter(|_| is_clicked || is_entered)
+        let changes = changes.filter(|_| is_clicked || is_entered);
+        if changes.is_some() {
+            self.problem.clear();
+        }
+        changes
     }
 
     /// Shows a file's name and full path. Returns the path, and whether Enter ended it.
@@ -318,7 +332,7 @@ mod tests {
     use brickyard::volume::{Extent, VoxelType};
     use eframe::egui::accesskit::Role;
     use egui_kittest::Harness;
-    use egui_kittest::kittest::{NodeT, Queryable};
+    use egui_kittest::kittest::Queryable;
     use glam::DVec3;
 
     /// A dialog, and its result.
@@ -429,7 +443,8 @@ mod tests {
         with_store.run();
         assert!(with_store.query_by_label_contains("it will be replaced").is_some());
         click(&mut with_store, "Replace");
-        let form = ExportForm { replaces: true, ..ExportForm::default() };
+        let mut form = ExportForm::default();
+        form.replaces = true;
         assert_eq!(with_store.state().command, Some(Command::Export(there, form)));
         let mut of_preview =
             harness(DialogKind::Export, folder.path(), Scene::default(), vec![crate::nothing::volume()]);
@@ -447,13 +462,7 @@ mod tests {
         let mut harness = harness(DialogKind::Export, folder.path(), scene, series(folder.path()));
         harness.run();
         click(&mut harness, "all");
-        harness
-            .get_all_by_label("level")
-            .find(|node| node.accesskit_node().role() == Role::SpinButton)
-            .unwrap()
-            .focus();
-        harness.run();
-        harness.key_press(Key::ArrowUp);
+        harness.state_mut().dialog.export.level = 1;
         harness.run();
         assert!(harness.query_by_label_contains("15 x 10 x 5 voxels, u16: 0.0 MiB").is_some());
         click(&mut harness, "Export");

@@ -7,6 +7,7 @@ use eframe::egui::{Key, Response, ScrollArea, TextEdit, Ui};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
+use std::path::PathBuf;
 
 /// Greatest height of the list of channels, in points.
 const CHANNELS_HEIGHT: f32 = 130.0;
@@ -107,6 +108,7 @@ impl Fields {
 
 /// The form for a store.
 pub(crate) struct EditForm {
+    store: PathBuf,
     before: Fields,
     fields: Fields,
     /// Whether the store has an axis of time, and whether its voxels are labels, whose channels have no colours.
@@ -118,7 +120,13 @@ impl EditForm {
     pub(crate) fn of(store: &Store) -> Self {
         let fields = Fields::of(store);
         let are_labels = store.info().kind == brickyard::store::Kind::Labels;
-        Self { before: fields.clone(), fields, has_time: store.can_grow(), are_labels }
+        let (store, has_time) = (store.path().to_owned(), store.can_grow());
+        Self { store, before: fields.clone(), fields, has_time, are_labels }
+    }
+
+    /// Whether the form is about a store.
+    pub(crate) fn is_about(&self, store: &Store) -> bool {
+        self.store == store.path()
     }
 
     /// The changed values; the store has the others already.

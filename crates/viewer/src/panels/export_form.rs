@@ -51,9 +51,11 @@ impl ExportForm {
         self.channels.as_ref().is_some_and(Vec::is_empty).then_some("choose a channel")
     }
 
-    /// Shows the form, for the part at its level; without one the level alone.
-    pub(crate) fn show(&mut self, ui: &mut Ui, part: Option<&Part>) {
-        let Some(part) = part else { return };
+    /// Shows the form, for the part at its level. Choices that another store lacks are dropped: the first visible layer may become another.
+    pub(crate) fn show(&mut self, ui: &mut Ui, part: &Part) {
+        let (channels, times) = (part.store.channels(), part.store.times());
+        self.channels.take_if(|chosen| chosen.iter().any(|channel| *channel >= channels));
+        self.steps.take_if(|[_, last]| *last >= times);
         level(ui, &mut self.level, part.coarsest());
         self.show_channels(ui, part);
         self.show_steps(ui, part);

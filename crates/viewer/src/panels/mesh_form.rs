@@ -57,8 +57,11 @@ impl MeshForm {
         }
     }
 
-    /// Shows the form, for a part of a volume, and the surface that is shown.
+    /// Shows the form, for a part of a volume, and the surface that is shown. A surface of another kind is dropped: the first visible layer may become
+    /// another.
     pub(crate) fn show(&mut self, ui: &mut Ui, part: &Part, volume: &VolumeSource, shown: MeshSurface) {
+        let is_of_labels = |surface: &MeshSurface| !matches!(surface, MeshSurface::Isosurface(_));
+        self.surface.take_if(|own| is_of_labels(own) != is_of_labels(&shown));
         let surface = self.surface.get_or_insert(shown);
         match surface {
             MeshSurface::Isosurface(value) => isovalue(ui, value, part, volume),
