@@ -33,7 +33,7 @@ pub(crate) struct MeshArguments {
     #[arg(help_heading = heading::READ, long, value_name = "N", default_value_t = 0)]
     smooth: u32,
     /// Fewer triangles: vertices go as long as each stays within so many voxels of the mesh, up to 4. At 0.1, some 12% of
-    /// a smooth surface's triangles stay; neighbouring labels still share their border
+    /// a smooth surface's triangles stay; neighbouring labels still share their border [default: all triangles stay]
     #[arg(help_heading = heading::READ, long, value_name = "VOXELS", allow_hyphen_values = true)]
     decimate: Option<f64>,
     /// Level; 0 is the finest
