@@ -75,8 +75,8 @@ impl Edited {
             // The fault itself is the damage. A file that the edit has read for the last time may be damaged after that.
             let found = store_tree(&self.trial.sandbox.path("out.zarr"));
             let damaged = tree_difference(&found, &self.stores[1]);
-            let is_edited =
-                damaged.len() <= 1 && found.get(Path::new("zarr.json")) == self.stores[1].get(Path::new("zarr.json"));
+            let document = Path::new("zarr.json");
+            let is_edited = damaged.len() <= 1 && found.get(document) != self.stores[0].get(document);
             return ensure(outcome.code != Some(0) || is_edited, || "a damaged store was edited".into());
         }
         let is_done = self.is_done()?;
