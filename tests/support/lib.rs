@@ -8,7 +8,7 @@ pub mod faults;
 pub mod power_loss;
 
 use brickyard::backend::{BackendChoice, CompositorChoice};
-use brickyard::import::{ImportError, SaidKind, Source, SourceInfo};
+use brickyard::import::{ImportError, Source, SourceInfo};
 use brickyard::offline::render_settled;
 use brickyard::oracle::render_reference;
 use brickyard::render::adapters;
@@ -52,23 +52,12 @@ impl<T: Voxel, F: Fn(u32, u32, [u32; 3]) -> T + Send + Sync> FunctionSource<T, F
     /// Creates a source of several time steps and channels.
     pub fn series(extent: Extent, geometry: Geometry, times: u32, channels: u32, function: F) -> Self {
         let info = SourceInfo {
-            extent,
             channels,
             times,
-            voxel_type: T::TYPE,
             geometry,
             calibrated: true,
-            says_origin: false,
-            turned: [false; 3],
-            flip: None,
-            orientation: None,
-            channel_looks: Vec::new(),
-            time: None,
-            nodata: None,
-            knows_nodata: false,
-            kind: SaidKind::Unsaid,
             identity: "a function".into(),
-            notes: Vec::new(),
+            ..SourceInfo::of_volume(extent, T::TYPE)
         };
         Self { info, function, voxel: std::marker::PhantomData }
     }

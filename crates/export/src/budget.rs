@@ -33,7 +33,7 @@ pub(crate) fn shares(job: &Job, needs: Needs) -> Result<Shares, ExportError> {
     let (info, edge) = (job.source.info(), u64::from(job.blocks.edge));
     let block_bytes = edge.pow(3) * info.voxel_type.bytes() as u64;
     let fixed = PROGRAM_BYTES.saturating_add(job.source.held_bytes());
-    // What a read takes, and a bar of one block.
+    // Memory of a read, and of a bar of one block.
     let read_bytes = job.source.reader_bytes().saturating_add(needs.thread_bytes);
     let least = read_bytes.saturating_add(block_bytes);
     let needed_bytes = fixed.saturating_add(least).saturating_add(needs.plane_bytes);

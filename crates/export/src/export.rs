@@ -11,7 +11,7 @@ use crate::plan::{Body, Plan};
 use crate::planes::for_each_layer;
 use crate::png;
 use crate::request::{ExportChannels, ExportRequest, ExportTime};
-use crate::store_source::StoreSource;
+use crate::store_source::store_source;
 use crate::volume::Volume;
 use crate::zarr::{self, Written};
 use brickyard_import::{ChannelChoice, OpenOptions, Source, StepChoice, take};
@@ -94,7 +94,7 @@ fn part_of(
     request: &ExportRequest,
     region: VoxelBox,
 ) -> Result<Box<dyn Source>, ExportError> {
-    let level = StoreSource::new(store.clone(), request.level).map_err(|error| {
+    let level = store_source(store.clone(), request.level).map_err(|error| {
         let problem = format!("level {} has no place in the patient ({error}): export a finer one", request.level);
         ExportError::unfit(output, problem)
     })?;
@@ -143,7 +143,7 @@ fn write_gzip(job: &Job, head: &[u8], file: &File) -> Result<(), ExportError> {
     pool(shares.threads)?.install(|| {
         let mut gzip = Gzip::new(BufWriter::new(file)).map_err(&io)?;
         gzip.write(&[head]).map_err(&io)?;
-        // As many planes as busy all threads.
+        // Planes enough to keep all threads busy.
         let at_once = (shares.threads * gzip::PIECE_BYTES).div_ceil(job.bytes_of(plane));
         for_each_layer(job, shares, |layer| {
             layer.planes.chunks(at_once).try_for_each(|planes| {

@@ -1,6 +1,6 @@
 //! Writers of volumes as files of other formats: the inverse of `brickyard-import`.
 //!
-//! [`export`] takes a part of a store, which [`StoreSource`] makes a [`Source`](brickyard_import::Source). A format's file (`nifti.rs`, `tiff.rs`
+//! [`export`] takes a part of a store as a [`Source`](brickyard_import::Source) (`store_source.rs`). A format's file (`nifti.rs`, `tiff.rs`
 //! and so on) turns its description into a `plan`: a header, the places of voxels, and the facts that the file can keep; the others are told in
 //! notes. One engine then writes the voxels: anywhere in the file, by all threads (`flat`), or plane by plane where they are compressed (`planes`);
 //! a pack writes those of OME-Zarr (`zarr`).
@@ -43,4 +43,3 @@ pub use format::Format;
 pub use ngff::Ngff;
 pub use output::paths_of;
 pub use request::{ExportChannels, ExportRequest, ExportTime};
-pub use store_source::StoreSource;

@@ -4,31 +4,14 @@ use crate::ngff::Ngff;
 use crate::volume::Volume;
 use brickyard_import::{ImportError, Source, SourceInfo};
 use brickyard_store::{Kind, PackOptions, Reductions, Store, pack};
-use brickyard_volume::{Extent, Geometry, Voxel, VoxelBox, VoxelType, with_voxel_type};
+use brickyard_volume::{Extent, Voxel, VoxelBox, VoxelType, with_voxel_type};
 use std::path::Path;
 use std::sync::Arc;
 
 /// A description of one plain volume.
 pub(crate) fn info() -> SourceInfo {
-    SourceInfo {
-        extent: Extent::new(37, 20, 19),
-        channels: 1,
-        times: 1,
-        time: None,
-        voxel_type: VoxelType::U16,
-        geometry: Geometry::default(),
-        calibrated: false,
-        says_origin: false,
-        turned: [false; 3],
-        flip: None,
-        kind: brickyard_import::SaidKind::Unsaid,
-        orientation: None,
-        channel_looks: Vec::new(),
-        nodata: None,
-        knows_nodata: false,
-        identity: "a function".into(),
-        notes: Vec::new(),
-    }
+    let plain = SourceInfo::of_volume(Extent::new(37, 20, 19), VoxelType::U16);
+    SourceInfo { identity: "a function".into(), ..plain }
 }
 
 pub(crate) fn volume(info: &SourceInfo) -> Volume<'_> {

@@ -35,7 +35,7 @@ pub(crate) struct Budget {
 }
 
 impl Budget {
-    /// As many threads as the memory allows, then bricks.
+    /// Threads, as many as the memory allows, then bricks in what is left.
     ///
     /// # Errors
     /// If the memory is too little for one thread.

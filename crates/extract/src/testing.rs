@@ -22,23 +22,9 @@ impl<F> Made<F> {
         F: Fn([u32; 3]) -> T,
     {
         let info = SourceInfo {
-            extent: Extent::from_array(extent),
-            channels: 1,
-            times: 1,
-            voxel_type: T::TYPE,
-            geometry: Geometry::default(),
             calibrated: true,
-            says_origin: false,
-            turned: [false; 3],
-            flip: None,
-            kind: brickyard_import::SaidKind::Unsaid,
-            orientation: None,
-            channel_looks: Vec::new(),
-            time: None,
-            nodata: None,
-            knows_nodata: false,
             identity: "made".into(),
-            notes: Vec::new(),
+            ..SourceInfo::of_volume(Extent::from_array(extent), T::TYPE)
         };
         Self { info, value }
     }

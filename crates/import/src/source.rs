@@ -53,10 +53,15 @@ pub struct SourceInfo {
 impl SourceInfo {
     /// Creates a description from sizes and voxel type, with a default geometry and without identity or notes.
     pub(crate) fn plain(sizes: Sizes, voxel_type: VoxelType) -> Self {
+        Self { channels: sizes.channels, times: sizes.times, ..Self::of_volume(sizes.extent, voxel_type) }
+    }
+
+    /// Creates a description of one channel and time step, uncalibrated, with a default geometry and without identity or notes.
+    pub fn of_volume(extent: Extent, voxel_type: VoxelType) -> Self {
         Self {
-            extent: sizes.extent,
-            channels: sizes.channels,
-            times: sizes.times,
+            extent,
+            channels: 1,
+            times: 1,
             time: None,
             voxel_type,
             kind: SaidKind::Unsaid,

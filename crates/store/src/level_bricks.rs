@@ -141,7 +141,7 @@ mod tests {
     use crate::metadata::Kind;
     use crate::pack::{PackOptions, pack};
     use crate::store::Store;
-    use brickyard_import::{ImportError, SaidKind, Source, SourceInfo};
+    use brickyard_import::{ImportError, Source, SourceInfo};
     use brickyard_volume::{BrickId, Geometry};
 
     /// A volume in memory.
@@ -173,23 +173,11 @@ mod tests {
             (0..extent.volume()).flat_map(|i| (value(i) as T).to_le_bytes()).collect()
         });
         let info = SourceInfo {
-            extent,
-            channels: 1,
-            times: 1,
-            voxel_type,
             geometry: Geometry { spacing: glam::DVec3::new(1.0, 1.0, 1.7), ..Geometry::default() },
             calibrated: true,
-            says_origin: false,
-            turned: [false; 3],
-            flip: None,
-            orientation: None,
-            channel_looks: Vec::new(),
-            time: None,
             nodata,
-            knows_nodata: false,
-            kind: SaidKind::Unsaid,
             identity: "voxels".into(),
-            notes: Vec::new(),
+            ..SourceInfo::of_volume(extent, voxel_type)
         };
         Voxels { info, bytes }
     }

@@ -21,6 +21,7 @@ mod json;
 mod kind;
 pub mod layout;
 mod level_bricks;
+mod level_source;
 pub mod metadata;
 mod mutex;
 mod nodata;
@@ -50,6 +51,7 @@ pub use error::{CodecError, InsideStore, OpenError, ReadError, ShardError};
 pub use inside::check_outside;
 pub use layout::{Layout, ShardId};
 pub use level_bricks::LevelBricks;
+pub use level_source::LevelSource;
 pub use metadata::{ChannelDisplay, ChannelStatistics, Histogram, Kind, Percentiles, StoreInfo};
 pub use pack::{
     Exists, Holder, PackError, PackOptions, PackPlan, PackReport, Progress, estimate, pack, plan, rehearse,

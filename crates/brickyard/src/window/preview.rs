@@ -287,7 +287,7 @@ mod tests {
     use crate::session::backend::BackendChoice;
     use crate::session::channels::default_layers;
     use crate::session::{Session, SessionOptions, resolve};
-    use brickyard_import::{Access, SaidKind};
+    use brickyard_import::Access;
     use brickyard_store::{PackOptions, pack};
     use brickyard_volume::{BrickIndex, ChannelLook, Extent, Level, LevelGrid, LevelPolicy, Mode, Orientation, Scene};
     use glam::DVec3;
@@ -342,27 +342,14 @@ mod tests {
 
     fn info(extent: [u32; 3], voxel_type: VoxelType) -> SourceInfo {
         SourceInfo {
-            extent: Extent::from_array(extent),
-            channels: 1,
-            times: 1,
-            voxel_type,
             geometry: Geometry {
                 spacing: DVec3::new(0.5, 1.0, 4.0),
                 origin: DVec3::new(-9.0, 3.0, 7.0),
                 ..Geometry::default()
             },
             calibrated: true,
-            says_origin: false,
-            turned: [false; 3],
-            flip: None,
-            orientation: None,
-            channel_looks: Vec::new(),
-            time: None,
-            nodata: None,
-            knows_nodata: false,
-            kind: SaidKind::Unsaid,
             identity: "computed".into(),
-            notes: Vec::new(),
+            ..SourceInfo::of_volume(Extent::from_array(extent), voxel_type)
         }
     }
 

@@ -20,7 +20,7 @@ const PROGRAM_BYTES: u64 = 24 << 20;
 /// State of zlib, and small buffers.
 const ZLIB_BYTES: u64 = 1 << 20;
 
-/// As many of these threads as the memory holds besides both stores.
+/// Number of threads: as many as the memory holds besides both stores.
 pub(super) fn threads(job: &Job, packed: &Store, most: usize) -> usize {
     let fixed = PROGRAM_BYTES + job.source.held_bytes() + packed.cache_bytes();
     // Its brick, encoded and shuffled; the decoded one; and twice the compressed one while its buffer grows.

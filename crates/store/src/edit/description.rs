@@ -7,7 +7,7 @@ use crate::metadata::{Kind, StoreInfo};
 use crate::pack::check_name;
 use crate::pack::plan::check_input;
 use crate::store::Store;
-use brickyard_import::{ImportError, OpenOptions, SaidKind, SourceInfo, redescribe};
+use brickyard_import::{ImportError, OpenOptions, SourceInfo, redescribe};
 use brickyard_volume::{ChannelLook, Orientation, TimeAxis};
 use glam::DVec3;
 use serde_json::{Value, json};
@@ -34,23 +34,16 @@ impl Description {
             unit: display.unit.clone(),
         };
         let info = SourceInfo {
-            extent: store.pyramid().levels()[0].extent,
             channels: store.channels(),
             times: store.times(),
             time: store.time_axis().cloned(),
-            voxel_type: store.voxel_type(),
             geometry: store.geometry().clone(),
             calibrated: stored.calibrated,
-            says_origin: false,
             turned: stored.turned,
             flip: Some(stored.flipped),
             orientation: stored.orientation,
             channel_looks: store.channel_displays().iter().map(look).collect(),
-            nodata: None,
-            knows_nodata: false,
-            kind: SaidKind::Unsaid,
-            identity: String::new(),
-            notes: Vec::new(),
+            ..SourceInfo::of_volume(store.pyramid().levels()[0].extent, store.voxel_type())
         };
         let StoreInfo { kind, image_label, downsample, .. } = *stored;
         Self { name: stored.name.clone(), kind, image_label, downsample, info }

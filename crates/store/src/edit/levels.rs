@@ -9,6 +9,7 @@
 use super::{Edit, EditError, EditReport, Edited};
 use crate::downsample::Downsample;
 use crate::kind::Kind;
+use crate::level_source::LevelSource;
 use crate::metadata::{document_bytes, parse_info};
 use crate::pack::cascade::{Pass, Stop};
 use crate::pack::disk::{Disk, DiskError, Part};
@@ -18,42 +19,17 @@ use crate::pack::{Exists, PackError, PackOptions, Progress, run_passes};
 use crate::side::array_documents;
 use crate::stats::ChannelTotals;
 use crate::store::Store;
-use brickyard_import::{ImportError, Source, SourceInfo};
-use brickyard_volume::{Level, VoxelBox};
+use brickyard_import::SourceInfo;
+use brickyard_volume::Level;
 use serde_json::{Value, json};
 use std::path::Path;
+use std::sync::Arc;
 
 /// Resources and observer of making levels.
 pub(super) struct Work<'a> {
     pub(super) memory_bytes: u64,
     pub(super) threads: usize,
     pub(super) progress: &'a dyn Progress,
-}
-
-/// Level 0 of a store as a source.
-struct LevelZero {
-    store: Store,
-    info: SourceInfo,
-}
-
-impl Source for LevelZero {
-    fn info(&self) -> &SourceInfo {
-        &self.info
-    }
-
-    /// An encoded, a shuffled and a decoded brick.
-    fn reader_bytes(&self) -> u64 {
-        3 * self.store.core_bytes() as u64
-    }
-
-    fn held_bytes(&self) -> u64 {
-        self.store.cache_bytes()
-    }
-
-    fn read_box(&self, time: u32, channel: u32, region: VoxelBox, out: &mut [u8]) -> Result<(), ImportError> {
-        let read = self.store.read_box(time, channel, Level(0), region, out);
-        read.map_err(|error| ImportError::Other(Box::new(error)))
-    }
 }
 
 /// Whether a store's coarser levels mix labels.
@@ -64,7 +40,7 @@ pub(super) fn are_mixed(store: &Store) -> bool {
 
 /// An edit with its levels, before anything is made.
 struct Planned {
-    source: LevelZero,
+    source: LevelSource,
     options: PackOptions,
     plan: PackPlan,
     edited: Edited,
@@ -90,8 +66,8 @@ impl Planned {
         };
         let nodata = stored.nodata.map(|nodata| nodata as f64);
         let info = SourceInfo { nodata, ..edited.info.clone() };
-        let source = LevelZero { store, info };
-        let plan = plan_last(&source, &options, source.store.layout())?;
+        let source = LevelSource::new(Arc::new(store), Level(0), info);
+        let plan = plan_last(&source, &options, source.store().layout())?;
         Ok(Self { source, options, plan, edited })
     }
 }
@@ -115,7 +91,7 @@ pub(super) fn remake(disk: &Disk, dir: &Path, edit: &Edit, work: &Work) -> Resul
         error => error.into(),
     };
     let started = Output::start(disk, dir, Exists::Overwrite, &settings(), &planned.plan).map_err(unchanged)?;
-    let Some(mut output) = started else { return Err(planned.source.store.replaced().into()) };
+    let Some(mut output) = started else { return Err(planned.source.store().replaced().into()) };
     if let Err(error) = planned.make(disk, dir, &mut output, work) {
         // Otherwise the next writer does it.
         let _ = output.abandon(disk);
@@ -136,7 +112,7 @@ impl Planned {
     /// Makes the new store in its folder beside the former one, both locked.
     fn make(&self, disk: &Disk, dir: &Path, output: &mut Output, work: &Work) -> Result<(), EditError> {
         let Self { source, options, plan, edited } = self;
-        let store = &source.store;
+        let store = source.store();
         let root_path = store.path().join("zarr.json");
         let is_same = store.was_opened_with(&store.folder().document(&root_path)?);
         if store.folder().is_replaced() || !is_same || output.dir == dir {

@@ -15,7 +15,7 @@ use crate::downsample::Downsample;
 use crate::layout::JOURNAL_NAME;
 use crate::shard_file::IoMode;
 use crate::store::Store;
-use brickyard_import::{Access, SaidKind, SourceInfo};
+use brickyard_import::{Access, SourceInfo};
 use brickyard_volume::{
     BrickId, BrickIndex, ChannelLook, Extent, Geometry, Level, OccupancyBins, Orientation, Pyramid, TimeAxis, Voxel,
     VoxelBox,
@@ -48,25 +48,7 @@ impl<T: Voxel> Array<T> {
             (0..extent.z)
                 .flat_map(move |z| (0..extent.y).flat_map(move |y| (0..extent.x).map(move |x| value(i, [x, y, z]))))
         };
-        let info = SourceInfo {
-            extent,
-            channels,
-            times,
-            voxel_type: T::TYPE,
-            geometry: Geometry::default(),
-            calibrated: false,
-            says_origin: false,
-            turned: [false; 3],
-            flip: None,
-            orientation: None,
-            channel_looks: Vec::new(),
-            time: None,
-            nodata: None,
-            knows_nodata: false,
-            kind: SaidKind::Unsaid,
-            identity: "array".into(),
-            notes: Vec::new(),
-        };
+        let info = SourceInfo { channels, times, identity: "array".into(), ..SourceInfo::of_volume(extent, T::TYPE) };
         let voxels = (0..times * channels).flat_map(volume).collect();
         let fuse = AtomicI64::new(i64::MAX);
         Self { info, voxels, access: Access::Box, fuse, reads: AtomicU32::new(0) }

@@ -1,7 +1,7 @@
 //! Cores of level 0, read from a source as packing reads them.
 //!
-//! Of a source that reads boxes, each brick is read alone. Of one that decodes planes, those of a layer of bricks are
-//! decoded once for a shard, and the shard's part of them is kept: at most a shard's width and height, and a brick's
+//! Each brick is read alone from a source that reads boxes. A source that decodes planes decodes those of a layer of
+//! bricks once for a shard, and the shard's part of them is kept: at most a shard's width and height, and a brick's
 //! depth.
 
 use super::survey::{Hashes, of_file, recorded};

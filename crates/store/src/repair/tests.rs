@@ -204,7 +204,7 @@ fn another_source_is_refused_and_nothing_is_written() {
     refused(&source::<u8>(1, 1), "number of time steps");
     refused(&source::<u8>(2, 2), "number of channels");
     refused(&Array::<u8>::series([40, 33, 34], 2, 1, |_, _| 0), "shape");
-    // Of a coarse level's damage a source is a witness, too.
+    // A source bears witness to a coarse level's damage, too.
     repaired(&path, &right).unwrap();
     harm(&path.join("1/c/0/0/0/0"), Harm::Lose);
     refused(&Array::<u8>::series(EXTENT, 2, 1, |i, p| (value(p) + f64::from(i) + 1.0) as u8), "other voxels in");

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::session::resolve::resolve;
-use brickyard_import::{ImportError, SaidKind, Source, SourceInfo};
+use brickyard_import::{ImportError, Source, SourceInfo};
 use brickyard_pager::BrickSource;
 use brickyard_store::{PackOptions, pack};
 use brickyard_volume::{
@@ -369,23 +369,9 @@ fn a_ray_that_passes_by_finds_nothing() {
 fn packed(folder: &tempfile::TempDir, voxel: fn([u32; 3]) -> u8) -> VolumeSource {
     let path = folder.path().join("cube.zarr");
     let info = SourceInfo {
-        extent: Extent::new(96, 96, 96),
-        channels: 1,
-        times: 1,
-        voxel_type: VoxelType::U8,
-        geometry: Geometry::default(),
         calibrated: true,
-        says_origin: false,
-        turned: [false; 3],
-        flip: None,
-        orientation: None,
-        channel_looks: Vec::new(),
-        time: None,
-        nodata: None,
-        knows_nodata: false,
-        kind: SaidKind::Unsaid,
         identity: "a cube".into(),
-        notes: Vec::new(),
+        ..SourceInfo::of_volume(Extent::new(96, 96, 96), VoxelType::U8)
     };
     let options = PackOptions { edge: 16, shard_edge: 64, threads: 2, ..PackOptions::new(VoxelType::U8) };
     pack(&CubeSource(info, voxel), &path, &options, &()).unwrap();

@@ -54,25 +54,17 @@ fn source_info() -> impl Strategy<Value = SourceInfo> {
             let mut geometry = Geometry { unit: unit.clone(), ..Geometry::default() };
             *(if is_origin { &mut geometry.origin } else { &mut geometry.spacing }) = numbers.into();
             let (extent, identity) = (Extent::from_array(extent), unit.unwrap_or_default());
-            let (calibrated, notes) = (is_origin, Vec::new());
             SourceInfo {
-                extent,
                 channels,
                 times,
-                voxel_type,
                 geometry,
-                calibrated,
+                calibrated: is_origin,
                 says_origin: is_origin,
-                turned: [false; 3],
-                flip: None,
                 orientation,
-                channel_looks: Vec::new(),
                 time,
                 nodata,
-                knows_nodata: false,
-                kind: SaidKind::Unsaid,
                 identity,
-                notes,
+                ..SourceInfo::of_volume(extent, voxel_type)
             }
         },
     )
