@@ -148,7 +148,7 @@ impl Source for ReactionStep {
         let row_bytes = self.info.extent.x as usize * self.info.voxel_type.bytes();
         let slice_bytes = row_bytes * self.info.extent.y as usize;
         let start = self.offset(region.min.to_array());
-        take(Lent { bytes: &self.voxels[start..], row_bytes, slice_bytes });
+        take(Lent { slices: 0..region.extent().z as usize, bytes: &self.voxels[start..], row_bytes, slice_bytes });
         Ok(true)
     }
 }

@@ -88,7 +88,10 @@ impl Source for Formula {
         if self.lends {
             let (bytes, row) = (self.bytes(time, channel, region), region.extent().x as usize);
             let row_bytes = row * self.info.voxel_type.bytes();
-            take(Lent { bytes: &bytes, row_bytes, slice_bytes: row_bytes * region.extent().y as usize });
+            let slice_bytes = row_bytes * region.extent().y as usize;
+            for (z, bytes) in bytes.chunks_exact(slice_bytes).enumerate() {
+                take(Lent { slices: z..z + 1, bytes, row_bytes, slice_bytes });
+            }
         }
         Ok(self.lends)
     }
@@ -190,7 +193,11 @@ fn channels_keep_their_names_and_steps_their_times() {
     assert_eq!(source.constant_in(0, 0, VoxelBox::new([4, 0, 0], [9, 7, 5])), Some(77.0));
     assert_eq!(source.constant_in(0, 1, VoxelBox::new([4, 0, 0], [9, 7, 5])), None);
     let mut lent = 0.0;
-    source.lend(2, 1, info.extent.full_box(), &mut |it| lent = VoxelType::U16.read(it.bytes, 1)).unwrap();
+    source
+        .lend(2, 1, info.extent.full_box(), &mut |it| {
+            lent = if it.slices.start == 0 { VoxelType::U16.read(it.bytes, 1) } else { lent };
+        })
+        .unwrap();
     assert_eq!(lent, formula(1, 0, 0, 0, 5));
     // Uneven times.
     let mut uneven = Formula::new(VoxelType::U16);

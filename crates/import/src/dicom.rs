@@ -21,6 +21,7 @@ mod jpeg_lossless;
 mod jpeg_lossless_tests;
 #[cfg(test)]
 mod lossy_tests;
+mod maps;
 mod mosaic;
 #[cfg(test)]
 mod mosaic_tests;

@@ -344,7 +344,7 @@ impl Source for RawSource {
             return Ok(false);
         }
         let (start, _) = self.copy_of(time, channel, region);
-        take(Lent { bytes: &self.file[start..], row_bytes, slice_bytes });
+        take(Lent { slices: 0..region.extent().z as usize, bytes: &self.file[start..], row_bytes, slice_bytes });
         self.file.confirm().map(|()| true)
     }
 

@@ -9,6 +9,7 @@ use brickyard_volume::numbers::exact;
 use brickyard_volume::units::{axis_unit, free_unit};
 use brickyard_volume::{ChannelLook, Extent, Geometry, Orientation, PlacementError, TimeAxis, VoxelBox, VoxelType};
 use glam::DVec3;
+use std::ops::Range;
 
 /// Description of a source, available before any voxel is read.
 #[derive(Clone, Debug, PartialEq)]
@@ -198,10 +199,12 @@ pub enum Access {
     Planes,
 }
 
-/// Voxels of a box lent from memory: little-endian, without gaps along x, not aligned.
-#[derive(Clone, Copy)]
+/// Slices of a box lent from memory: little-endian, without gaps along x, not aligned.
+#[derive(Clone)]
 pub struct Lent<'a> {
-    /// Bytes from the first voxel of the box on; those after its last voxel are not part of it.
+    /// The slices, counted from the box's first.
+    pub slices: Range<usize>,
+    /// Bytes from the first voxel of these slices on; those after the last voxel are not part of them.
     pub bytes: &'a [u8],
     /// Bytes from one row to the next along y.
     pub row_bytes: usize,
@@ -256,8 +259,8 @@ pub trait Source: Send + Sync {
     /// If there is no such time step or channel, the box is empty or leaves the extent, or `out` is not exactly the box's size.
     fn read_box(&self, time: u32, channel: u32, region: VoxelBox, out: &mut [u8]) -> Result<(), ImportError>;
 
-    /// Lends the voxels of a box to `take`, without a copy, and returns true. Returns false, without calling `take`, unless they lie in memory
-    /// exactly as [`Source::read_box`] would deliver them.
+    /// Lends the voxels of a box to `take`, all at once or some slices at a time, ascending, and returns true. Returns false, without calling
+    /// `take`, unless that is cheaper than [`Source::read_box`] and a copy.
     ///
     /// # Errors
     /// As for [`Source::read_box`]. `take` may have seen a file cut short or written to during the read: discard its result.

@@ -14,6 +14,7 @@ use brickyard_volume::{VoxelBox, counted};
 use dicom_core::VR;
 use dicom_dictionary_std::{tags, uids};
 use std::path::Path;
+use std::sync::Arc;
 
 /// Supported transfer syntaxes, for the message about another one.
 const READ: &str = "implicit and explicit little endian, explicit big endian, deflated, RLE, JPEG baseline, JPEG lossless and JPEG 2000";
@@ -162,14 +163,30 @@ impl Frames {
         size_of_val(&self.places[..]) + ranges
     }
 
+    /// Whether frames lie in the file as they are, so that any box of one is read alone.
+    pub(super) fn are_native(&self) -> bool {
+        matches!(self.packing, Packing::Native(_))
+    }
+
+    /// One native frame, or the picture containing it, in the file's map. [`Samples::confirm`] tells after the reading whether it was the file's.
+    pub(super) fn view(&self, file: Arc<MappedFile>, frame: usize) -> Result<Samples> {
+        let frame = if self.mosaic.is_some() { 0 } else { frame };
+        let range =
+            self.places[frame].first().map_or(0..0, |(first, length)| *first as usize..(first + length) as usize);
+        if range.end > file.len() {
+            return Err(ImportError::io(&file.path)(std::io::ErrorKind::UnexpectedEof.into()));
+        }
+        Ok(Samples { bytes: Bytes::Mapped { file, range }, width: self.format.width, endian: self.endian() })
+    }
+
     /// Reads and decodes one frame, or the picture containing it. [`Samples::confirm`] tells afterwards whether they were the file's.
     pub(super) fn read(&self, header: &Header, frame: usize) -> Result<Samples> {
+        if self.are_native() {
+            return self.view(Arc::new(header.map()?), frame);
+        }
         let path = header.path.as_path();
         let frame = if self.mosaic.is_some() { 0 } else { frame };
         let (width, endian) = (self.format.width, self.endian());
-        if let (Packing::Native(_), &[(first, length), ..]) = (self.packing, &self.places[frame][..]) {
-            return Ok(Samples { bytes: mapped(header, first, length)?, width, endian });
-        }
         let bytes = match (self.packing, &self.places[frame][..]) {
             (Packing::Deflated, &[(first, length), ..]) => header.read_inflated(first, length),
             (_, ranges) => read_ranges(path, ranges),
@@ -197,19 +214,6 @@ impl Frames {
             }
         }
     }
-}
-
-/// Maps a native frame of `length` bytes, which copies nothing.
-fn mapped(header: &Header, first: u64, length: u64) -> Result<Bytes> {
-    let file = MappedFile::open(&header.path);
-    // The file is reopened for each frame: its bytes, or an error, count only if it is unchanged since its header was read.
-    header.confirm()?;
-    let file = file?;
-    let range = first as usize..(first + length) as usize;
-    if range.end > file.len() {
-        return Err(ImportError::io(&header.path)(std::io::ErrorKind::UnexpectedEof.into()));
-    }
-    Ok(Bytes::Mapped { file, range })
 }
 
 /// Checks that each frame of a file has a place.

@@ -151,6 +151,14 @@ impl Header {
         self.stamp.map_or(Ok(()), |stamp| stamp.check(&self.path))
     }
 
+    /// Maps the file, unchanged since its header was read.
+    pub(super) fn map(&self) -> Result<MappedFile> {
+        let file = MappedFile::open(&self.path);
+        // The bytes, or an error, count only if these are the file's of which the header tells.
+        self.confirm()?;
+        file
+    }
+
     /// Shares the memory of values equal to another header's.
     pub(super) fn share_values(&mut self, other: &Self) {
         for (tag, value) in &mut self.top {

@@ -8,6 +8,7 @@ use brickyard_volume::{VoxelBox, VoxelType, with_voxel_type};
 use dicom_dictionary_std::tags;
 use std::ops::{Deref, Range};
 use std::path::Path;
+use std::sync::Arc;
 
 /// Most bits of an exactly decoded JPEG 2000 pixel. The decoder computes in f32, with integers up to 24 bits, and
 /// coefficients have a few bits more than pixels.
@@ -145,7 +146,7 @@ impl PixelFormat {
 /// Bytes of a frame: decoded, or where they lie in the file.
 pub(super) enum Bytes {
     Decoded(Vec<u8>),
-    Mapped { file: MappedFile, range: Range<usize> },
+    Mapped { file: Arc<MappedFile>, range: Range<usize> },
 }
 
 impl Deref for Bytes {
@@ -188,6 +189,13 @@ impl Samples {
     /// Checks that the numbers taken so far are the file's.
     pub(super) fn confirm(&self) -> Result<()> {
         if let Bytes::Mapped { file, .. } = &self.bytes { file.confirm() } else { Ok(()) }
+    }
+
+    /// Has the system fetch the frame ahead of its reading.
+    pub(super) fn advise(&self) {
+        if let Bytes::Mapped { file, range } = &self.bytes {
+            file.advise(range.clone());
+        }
     }
 
     /// Least and greatest number of the frame; all padding counts as its least.

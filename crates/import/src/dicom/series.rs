@@ -1,13 +1,15 @@
 //! DICOM series (CT, MR and the like) as a source.
 //!
 //! Slices are sorted by position, never by name or number, and must be one evenly spaced stack of one series, apart from missing ones left blank.
-//! Several at each position are channels and time steps. Reading decodes whole slices on request, in the memory of one slice per thread.
+//! Several at each position are channels and time steps. Boxes of native frames are read from their files' maps; other frames are decoded whole on
+//! request, in the memory of one per thread.
 
 use super::frames::Frames;
 use super::header::Header;
+use super::maps::Maps;
 use super::mosaic::Mosaic;
 use super::notes::{note_on_padding, note_on_rest, notes_on_values};
-use super::pixels::Meaning;
+use super::pixels::{Meaning, Samples};
 use super::stack::{Names, Placement, Rules, Slice, kinds};
 use super::unit::value_unit;
 use super::volumes::{Stacked, Volumes, tell_apart};
@@ -20,7 +22,7 @@ use crate::note::{Note, Setting};
 use crate::options::{NoData, OpenOptions};
 use crate::placement;
 use crate::raw::identity;
-use crate::source::{Access, Source, SourceInfo};
+use crate::source::{Access, Lent, Source, SourceInfo, Take};
 use brickyard_volume::{ChannelLook, Extent, VoxelBox, counted};
 use dicom_dictionary_std::tags;
 use glam::DVec3;
@@ -29,10 +31,16 @@ use std::path::PathBuf;
 /// Most stacks listed in a message.
 const MOST_LISTED: usize = 40;
 
+/// Largest lent slice: some times that of bricks read together.
+const MOST_LENT_BYTES: usize = 1 << 20;
+
 /// A DICOM series as a source.
 pub(super) struct DicomSeries {
     info: SourceInfo,
     files: Vec<(Header, Frames)>,
+    access: Access,
+    /// Maps of files whose frames are native.
+    maps: Maps,
     /// Slices, ascending along z.
     slices: Vec<Slice>,
     /// Index of the slice at each z of each channel of each time step; `None` where one is missing, whose voxels are all `blank`.
@@ -118,7 +126,9 @@ impl DicomSeries {
         info.notes = notes;
         set_unit(&files, &slices, &mut info);
         files.iter_mut().for_each(|(header, _)| header.forget_values());
-        Ok(Self { info, files, slices, places, blank })
+        let are_native = files.iter().all(|(_, frames)| frames.are_native());
+        let access = if are_native { Access::Box } else { Access::Planes };
+        Ok(Self { info, files, access, maps: Maps::new(), slices, places, blank })
     }
 }
 
@@ -304,17 +314,50 @@ pub(super) fn find_slice(
     })
 }
 
+impl DicomSeries {
+    /// The slice at a place; `None` where it is missing.
+    fn slice(&self, time: u32, channel: u32, z: u32) -> Option<&Slice> {
+        let SourceInfo { extent, channels, times, .. } = self.info;
+        let place = place_in(&Sizes { extent, channels, times }, time, channel, z);
+        self.places[place].map(|slice| &self.slices[slice])
+    }
+
+    /// Fills `out` with the voxels of slice `z` in the x, y rectangle of `region`.
+    fn read_slice(&self, time: u32, channel: u32, z: u32, region: VoxelBox, out: &mut [u8]) -> Result<()> {
+        let voxel_type = self.info.voxel_type;
+        let Some(slice) = self.slice(time, channel, z) else {
+            fill(out, voxel_type, self.blank);
+            return Ok(());
+        };
+        let frames = &self.files[slice.file].1;
+        let samples = self.samples(slice)?;
+        let region = frames.in_picture(slice.frame, region);
+        samples.deliver(&frames.format, &slice.meaning, voxel_type, region, out);
+        samples.confirm()
+    }
+
+    /// The stored numbers of a slice's picture.
+    fn samples(&self, slice: &Slice) -> Result<Samples> {
+        let (header, frames) = &self.files[slice.file];
+        if frames.are_native() {
+            return frames.view(self.maps.of(slice.file, header)?, slice.frame);
+        }
+        frames.read(header, slice.frame)
+    }
+}
+
 impl Source for DicomSeries {
     fn info(&self) -> &SourceInfo {
         &self.info
     }
 
     fn access(&self) -> Access {
-        Access::Planes
+        self.access
     }
 
     fn reader_bytes(&self) -> u64 {
-        self.files.iter().map(|(_, frames)| frames.reader_bytes()).max().unwrap_or(0)
+        let frame_bytes = self.files.iter().map(|(_, frames)| frames.reader_bytes()).max();
+        frame_bytes.unwrap_or(0).max(MOST_LENT_BYTES as u64)
     }
 
     fn held_bytes(&self) -> u64 {
@@ -326,21 +369,36 @@ impl Source for DicomSeries {
     fn read_box(&self, time: u32, channel: u32, region: VoxelBox, out: &mut [u8]) -> Result<(), ImportError> {
         self.info.check_box(time, channel, region, out);
         let plane_bytes = out.len() / region.extent().z as usize;
-        let SourceInfo { extent, channels, times, .. } = self.info;
-        let sizes = Sizes { extent, channels, times };
-        for (z, plane) in (region.min.z..).zip(out.chunks_exact_mut(plane_bytes)) {
-            let voxel_type = self.info.voxel_type;
-            let Some(slice) = self.places[place_in(&sizes, time, channel, z)] else {
-                fill(plane, voxel_type, self.blank);
-                continue;
-            };
-            let slice = &self.slices[slice];
-            let (header, frames) = &self.files[slice.file];
-            let samples = frames.read(header, slice.frame)?;
-            let region = frames.in_picture(slice.frame, region);
-            samples.deliver(&frames.format, &slice.meaning, voxel_type, region, plane);
-            samples.confirm()?;
+        let mut planes = (region.min.z..).zip(out.chunks_exact_mut(plane_bytes));
+        planes.try_for_each(|(z, plane)| self.read_slice(time, channel, z, region, plane))
+    }
+
+    /// Lends slices converted one by one in a buffer, which the processor's caches hold.
+    fn lend(&self, time: u32, channel: u32, region: VoxelBox, take: Take<'_>) -> Result<bool, ImportError> {
+        let row_bytes = region.extent().x as usize * self.info.voxel_type.bytes();
+        let slice_bytes = row_bytes * region.extent().y as usize;
+        if slice_bytes > MOST_LENT_BYTES || self.access == Access::Planes {
+            return Ok(false);
         }
-        Ok(())
+        let mut slice = vec![0; slice_bytes];
+        for (i, z) in (region.min.z..region.max.z).enumerate() {
+            self.read_slice(time, channel, z, region, &mut slice)?;
+            take(Lent { slices: i..i + 1, bytes: &slice, row_bytes, slice_bytes });
+        }
+        Ok(true)
+    }
+
+    /// Fetches whole frames with the first row of boxes, one file after the other: disks read them so at their best.
+    fn announce(&self, time: u32, channel: u32, region: VoxelBox) {
+        if region.min.y > 0 {
+            return;
+        }
+        let slices = (region.min.z..region.max.z).filter_map(|z| self.slice(time, channel, z));
+        for slice in slices.filter(|slice| self.files[slice.file].1.are_native()) {
+            // The box's reading reports what is wrong.
+            if let Ok(samples) = self.samples(slice) {
+                samples.advise();
+            }
+        }
     }
 }

@@ -4,9 +4,9 @@ use super::jpeg_lossless_tests::Lossless;
 use crate::error::ImportError;
 use crate::open::{open, order_steps};
 use crate::options::{FileOrder, NoData, OpenOptions};
-use crate::source::Source;
+use crate::source::{Access, Source};
 use crate::testing::{alone_with, assert_takes_what_it_says, is_warned, memory_taken, said};
-use brickyard_volume::VoxelType;
+use brickyard_volume::{VoxelBox, VoxelType};
 use dicom_core::value::{DataSetSequence, PixelFragmentSequence};
 use dicom_core::{DataElement, PrimitiveValue, Tag, VR};
 use dicom_dictionary_std::{tags, uids};
@@ -199,10 +199,11 @@ fn sagittal_slices_go_along_their_normal() {
     }
 }
 
-/// Slices are reopened for reading: each must still be the file whose header was read.
+/// Slices are opened again for reading, or stay mapped: each must still be the file whose header was read.
 #[test]
 fn a_slice_that_changes_after_it_was_opened_is_an_error() {
-    for (is_deflated, smaller) in [(false, false), (false, true), (true, false), (true, true)] {
+    for case in 0..8 {
+        let [is_deflated, smaller, was_read] = [1, 2, 4].map(|bit| case & bit > 0);
         let folder = Folder::of(shuffled());
         let save = |written: &Written, path: &Path| match is_deflated {
             true => written.save_deflated(path),
@@ -210,6 +211,10 @@ fn a_slice_that_changes_after_it_was_opened_is_an_error() {
         };
         save(&Written::slice(22.5, 100), &folder.file(3));
         let source = folder.open().unwrap();
+        let mut out = vec![0; 12 * 5 * 2];
+        if was_read {
+            source.read_box(0, 0, source.info().extent.full_box(), &mut out).unwrap();
+        }
         let mut other = Written::slice(22.5, 900);
         if smaller {
             other.number(tags::ROWS, 1).pixels(&[1, 2, 3, 4]);
@@ -218,7 +223,6 @@ fn a_slice_that_changes_after_it_was_opened_is_an_error() {
         save(&other, &new);
         std::fs::File::options().write(true).open(&new).unwrap().set_modified(std::time::UNIX_EPOCH).unwrap();
         std::fs::rename(new, folder.file(3)).unwrap();
-        let mut out = vec![0; 12 * 5 * 2];
         let message = source.read_box(0, 0, source.info().extent.full_box(), &mut out).unwrap_err().to_string();
         assert!(message.contains("IM3: changed while it was read"), "{message}");
     }
@@ -529,11 +533,27 @@ fn slopes_are_each_slices_own() {
 #[test]
 fn boxes_are_parts_of_the_whole() {
     let (_folder, source) = Folder::opened(shuffled());
-    let region = brickyard_volume::VoxelBox::new([1, 1, 3], [3, 3, 5]);
+    let region = VoxelBox::new([1, 1, 3], [3, 3, 5]);
     let mut bytes = vec![0; 2 * 2 * 2 * 2];
     source.read_box(0, 0, region, &mut bytes).unwrap();
     let found: Vec<f64> = (0..8).map(|i| VoxelType::U16.read(&bytes, i)).collect();
     assert_eq!(found, [305.0, 306.0, 309.0, 310.0, 405.0, 406.0, 409.0, 410.0]);
+}
+
+/// More files than are mapped at a time, read twice, forwards and backwards.
+#[test]
+fn files_are_mapped_again() {
+    let slices: Vec<u16> = (0..600).collect();
+    let first = |z: u16| z % 40 * 100;
+    let (_folder, source) = Folder::opened(slices.iter().map(|&z| Written::slice(f64::from(z), first(z))));
+    assert_eq!(source.access(), Access::Box);
+    for &z in slices.iter().chain(slices.iter().rev()) {
+        let region = VoxelBox::new([2, 1, u32::from(z)], [3, 2, u32::from(z) + 1]);
+        source.announce(0, 0, VoxelBox::new([0, 0, u32::from(z)], [4, 2, u32::from(z) + 1]));
+        let mut voxel = [0; 2];
+        source.read_box(0, 0, region, &mut voxel).unwrap();
+        assert_eq!(u16::from_le_bytes(voxel), first(z) + 6);
+    }
 }
 
 #[test]

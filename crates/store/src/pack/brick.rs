@@ -67,14 +67,14 @@ impl<T: Measure> Workspace<T> {
         &mut self.cores[i * self.edge.pow(3)..][..self.edge.pow(3)]
     }
 
-    /// Copies a run of cores, `shape` voxels in all, from lent memory.
+    /// Copies lent slices into a run of cores, `shape` voxels in all.
     pub(crate) fn gather(&mut self, lent: Lent, shape: [usize; 3]) {
         let (row, slice, core) =
             (self.row_bytes(), self.edge * self.row_bytes(), self.edge * self.edge * self.row_bytes());
         let cores: &mut [u8] = bytemuck::cast_slice_mut(&mut self.cores);
-        for z in 0..shape[2] {
+        for (i, z) in lent.slices.enumerate() {
             for y in 0..shape[1] {
-                let from = &lent.bytes[z * lent.slice_bytes + y * lent.row_bytes..][..shape[0] * size_of::<T>()];
+                let from = &lent.bytes[i * lent.slice_bytes + y * lent.row_bytes..][..shape[0] * size_of::<T>()];
                 for (i, piece) in from.chunks(row).enumerate() {
                     copy(piece, &mut cores[i * core + z * slice + y * row..][..piece.len()]);
                 }

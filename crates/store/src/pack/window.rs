@@ -51,7 +51,8 @@ impl Window {
     pub(crate) fn lend(&self, region: VoxelBox) -> Lent<'_> {
         let slice_bytes = self.extent.x as usize * self.extent.y as usize * self.voxel_bytes;
         let start = self.row(region.min.x, region.min.y, region.min.z);
-        Lent { bytes: &self.bytes[start..], row_bytes: self.extent.x as usize * self.voxel_bytes, slice_bytes }
+        let row_bytes = self.extent.x as usize * self.voxel_bytes;
+        Lent { slices: 0..region.extent().z as usize, bytes: &self.bytes[start..], row_bytes, slice_bytes }
     }
 
     /// The voxels of a slice, to be written.
