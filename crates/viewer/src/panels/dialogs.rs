@@ -18,16 +18,16 @@ use brickyard::volume::Scene;
 use eframe::egui::{self, Button, DragValue, Key, RichText, TextEdit, Ui, pos2};
 use std::path::{Path, PathBuf};
 
-/// The file for exported voxels, in the folder the window was opened from.
-const VOXELS_FILE: &str = "brickyard.npy";
+/// The file for exported voxels, in the folder the window was opened from: a format that keeps their place, which most programs read.
+const VOXELS_FILE: &str = "brickyard.nrrd";
 
 /// The file for a mesh of one object, and of several.
 const MESH_FILE: &str = "brickyard.ply";
 const MESHES_FILE: &str = "brickyard.glb";
 
 /// Names of exports, by their formats.
-const FORMATS: &str = "choose a name ending in .zarr, .nii, .nii.gz, .nrrd, .mha, .mhd, .vti, .tif (ImageJ), .ome.tif, .npy (NumPy), .raw or, for a \
-    folder of PNG planes, /";
+const FORMATS: &str = "The name tells the format: it ends in .zarr, .nii, .nii.gz, .nrrd, .mha, .mhd, .vti, .tif (ImageJ), .ome.tif, .npy \
+    (NumPy), .raw or, for a folder of PNG planes, /";
 
 /// Most pixels of a picture along an axis.
 const MOST_PX: u32 = 16384;
@@ -234,6 +234,9 @@ impl Dialog {
                 let mib = self.export.bytes(part) as f64 / f64::from(1 << 20);
                 ui.label(format!("{}: {mib:.1} MiB", part.in_words()));
                 files = paths_of(&path);
+                if files.is_some() {
+                    ui.weak(FORMATS);
+                }
                 if files.is_none() { Some(FORMATS) } else { self.export.problem() }
             }
         };
