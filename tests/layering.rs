@@ -153,16 +153,13 @@ fn modules(source: &Path) -> BTreeMap<Module, BTreeSet<Module>> {
     }
     let named = |module: &Module, text: &str| -> BTreeSet<Module> {
         let code = text.split("#[cfg(test)]\nmod ").next().unwrap_or_default();
-        let lines = code.lines().map(|line| line.split("//").next().unwrap_or_default());
-        let found = lines.flat_map(|line| {
-            let from_root = line.split("crate::").skip(1).map(|rest| (Module::new(), rest));
-            let beside = line.split("super::").skip(1).map(|rest| (module[..module.len() - 1].to_vec(), rest));
-            from_root.chain(beside).collect::<Vec<_>>()
+        let code = code.lines().map(|line| line.split("//").next().unwrap_or_default()).collect::<Vec<_>>().join("\n");
+        let starts = [("crate::", &[][..]), ("super::", &module[..module.len() - 1])];
+        let found = starts.into_iter().flat_map(|(word, start)| {
+            let named = code.split(word).skip(1).flat_map(paths);
+            named.map(|path| [start, &path].concat()).collect::<Vec<_>>()
         });
-        let file = |(mut path, rest): (Module, &str)| {
-            let is_name = |name: &&str| name.chars().all(|c| c.is_alphanumeric() || c == '_');
-            let names = rest.split(|c: char| c != ':' && c != '_' && !c.is_alphanumeric()).next().unwrap_or_default();
-            path.extend(names.split("::").take_while(is_name).map(str::to_owned));
+        let file = |mut path: Module| {
             while !path.is_empty() && !texts.contains_key(&path) {
                 path.pop();
             }
@@ -172,6 +169,37 @@ fn modules(source: &Path) -> BTreeMap<Module, BTreeSet<Module>> {
         found.map(file).filter(is_other).collect()
     };
     texts.iter().map(|(module, text)| (module.clone(), named(module, text))).collect()
+}
+
+/// The paths at the start of a text: one, or those of a group such as `a::{b, c::d}`.
+fn paths(text: &str) -> Vec<Module> {
+    let (name, rest) = text.split_at(text.find(|c: char| c != '_' && !c.is_alphanumeric()).unwrap_or(text.len()));
+    match (name.is_empty(), text.strip_prefix('{'), rest.strip_prefix("::")) {
+        (true, Some(group), _) => members(group).into_iter().flat_map(|member| paths(member.trim_start())).collect(),
+        (true, None, _) => vec![Module::new()],
+        (false, _, None) => vec![vec![name.to_owned()]],
+        (false, _, Some(rest)) => paths(rest).into_iter().map(|path| [vec![name.to_owned()], path].concat()).collect(),
+    }
+}
+
+/// The members of a group, up to its closing brace.
+fn members(group: &str) -> Vec<&str> {
+    let (mut members, mut start, mut depth) = (Vec::new(), 0, 0);
+    for (at, c) in group.char_indices() {
+        match c {
+            '{' => depth += 1,
+            '}' if depth > 0 => depth -= 1,
+            '}' | ',' if depth == 0 => {
+                members.push(&group[start..at]);
+                start = at + 1;
+                if c == '}' {
+                    break;
+                }
+            }
+            _ => {}
+        }
+    }
+    members
 }
 
 /// Removes modules without references to others until none is left: the rest form circles, or lead to one.
@@ -196,6 +224,10 @@ fn no_files_name_each_other_in_circles() {
         assert!(!found.is_empty(), "{}", source.display());
         assert_eq!(in_circles(found), Vec::<String>::new(), "{}", source.display());
     }
+    assert_eq!(
+        paths("{a, b::{c, d::E}} and {f}").iter().map(|path| path.join("::")).collect::<Vec<_>>(),
+        ["a", "b::c", "b::d::E"]
+    );
     let pair = |a: &str, b: &str| (vec![a.to_owned()], BTreeSet::from([vec![b.to_owned()]]));
     let found = in_circles(BTreeMap::from([pair("a", "b"), pair("b", "a"), pair("c", "d"), pair("d", "e")]));
     assert_eq!(found, ["a", "b"]);

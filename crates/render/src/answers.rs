@@ -1,9 +1,10 @@
 //! Feedback from the GPU about pictures: visibility of bricks, layers of meshes, and time taken. Nobody waits for it: a
 //! few answers may be in flight, each on its own sheet (a buffer), labelled with its picture.
 
+use crate::buffers::TIMESTAMP_BYTES;
 use crate::buffers::buffer;
 use crate::mapping::Mapping;
-use crate::memory::{ANSWERS, COUNTS_BYTES, TIMESTAMP_BYTES};
+use crate::memory::{ANSWERS, COUNTS_BYTES};
 use crate::{Gpu, GpuError};
 use std::collections::VecDeque;
 use wgpu::BufferUsages;

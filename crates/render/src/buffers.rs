@@ -1,8 +1,10 @@
 //! The buffers shared by all layers: those read by every march, and those only for rays.
 
-use crate::memory::TIMESTAMP_BYTES;
 use crate::{Gpu, GpuError};
 use wgpu::{BindingResource, BufferUsages};
+
+/// Bytes of a picture's two timestamps.
+pub(crate) const TIMESTAMP_BYTES: u64 = 16;
 
 /// The buffers of every march: frames, transfer tables and timestamps.
 #[derive(Debug)]

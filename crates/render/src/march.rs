@@ -1,10 +1,10 @@
 //! The parts common to all compositors: the bindings of every march, and the passes that it submits.
 
 use crate::buffer_parts::{Part, Parts};
+use crate::buffers::TIMESTAMP_BYTES;
 use crate::buffers::{SharedBuffers, entry};
 use crate::layer::GpuLayer;
 use crate::layouts::Layouts;
-use crate::memory::TIMESTAMP_BYTES;
 use crate::pace::Pace;
 use crate::pipelines::{Pipeline, TEXELS_GROUP};
 use crate::pool::Pool;

@@ -4,6 +4,7 @@
 use crate::GpuError;
 use crate::adapter::{DISPLAY_FORMAT, GpuFormats};
 use crate::atlas::{AtlasPlan, slot_bytes, texel_bytes};
+use crate::buffers::TIMESTAMP_BYTES;
 use crate::transfer_table::{COMBINED, TableCapacity};
 use crate::upload::{MAX_BATCH, staging_bytes};
 use brickyard_pager::{BudgetRequest, VolumeNeeds, pools, share};
@@ -14,8 +15,6 @@ use wgpu::TextureFormat;
 /// Most bricks of cells, of all layers, per submission of `sorted`. Longer draw lists take several, so that no watchdog
 /// sees a hang.
 pub(crate) const CELLS_PER_SUBMISSION: usize = 1024;
-/// Bytes of a picture's two timestamps.
-pub(crate) const TIMESTAMP_BYTES: u64 = 16;
 /// Most answers about pictures in flight: as many as a swap chain lets a program be frames ahead.
 pub(crate) const ANSWERS: u64 = 3;
 /// Most layers of meshes peeled without waiting for their counts.
