@@ -262,6 +262,10 @@ impl PackSettings {
                 _ => failure,
             };
         };
+        if done == 0 {
+            let problem = format!("{}: stopped before a shard was complete: nothing is left of it", store.display());
+            return Failure::new(ExitKind::Interrupted, problem);
+        }
         let cure = match self.overwrite {
             _ if self.is_of_stream => from_stream,
             true => "the same command with --resume instead of --overwrite goes on; with --overwrite it starts over",

@@ -42,6 +42,9 @@ pub const LOCK_NAME: &str = ".brickyard-lock";
 /// Name of the side-data folder in a level's folder, ignored by other readers.
 pub(crate) const SIDE_NAME: &str = ".brickyard";
 
+/// The folder of an image's labels, each a store.
+pub(crate) const LABELS_NAME: &str = "labels";
+
 /// Folder of value counts, in the side data of level 0.
 pub(crate) const COUNTS_NAME: &str = "counts";
 

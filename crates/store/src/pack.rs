@@ -322,8 +322,8 @@ pub enum PackError {
         #[source]
         error: std::io::Error,
     },
-    /// [`Progress::is_cancelled`] stopped the pack. Finished shards stay; no unfinished file has a final name.
-    #[error("cancelled; {done} of {total} shards of {store} are finished, and `resume` goes on")]
+    /// [`Progress::is_cancelled`] stopped the pack. Finished shards stay; without any, nothing does. No unfinished file has a final name.
+    #[error("cancelled; {}", of_cancelled(*done, *total, store))]
     Cancelled {
         /// The unfinished store.
         store: PathBuf,
@@ -412,6 +412,15 @@ pub enum PackError {
     Threads(String),
 }
 
+/// The end of the message about a cancelled pack.
+fn of_cancelled(done: u64, total: u64, store: &Path) -> String {
+    let store = store.display();
+    match done {
+        0 => format!("no shard of {store} was finished, and nothing is left"),
+        _ => format!("{done} of {total} shards of {store} are finished, and `resume` goes on"),
+    }
+}
+
 /// The end of the message about a failed source.
 fn of_finished(done: u64, total: u64, store: &Path) -> String {
     if done == 0 {
@@ -481,7 +490,7 @@ pub(crate) fn pack_on(
         Ok(passed) => passed,
         Err((stop, reached)) => {
             let error = stopped(stop, &reached, &output.dir, shards);
-            if matches!(error, PackError::Source { done: 0, .. }) {
+            if matches!(error, PackError::Source { done: 0, .. } | PackError::Cancelled { done: 0, .. }) {
                 // Nothing is worth resuming. A failed deletion leaves an unfinished pack, as other failures do.
                 let _ = output.abandon(disk);
             }

@@ -559,7 +559,7 @@ fn levels_that_cannot_be_made_leave_the_store() {
     assert!(little.contains("`memory`"), "{little}");
     assert_eq!(files(dir.path()), before);
     std::fs::create_dir_all(path.join("labels/l")).unwrap();
-    assert!(refusal(&path, &labels()).contains("labels is not part of the store"));
+    assert!(refusal(&path, &labels()).contains("labels/l is not part of the store"));
     std::fs::remove_dir_all(path.join("labels")).unwrap();
     // A damaged brick of level 0.
     let shard = path.join("0/c/0/0/0");

@@ -23,6 +23,11 @@ pub(crate) fn nearest(dir: &Path) -> &Path {
     dir.ancestors().map(named).find(|dir| dir.exists()).unwrap_or(dir)
 }
 
+/// Missing directories down to `dir`, deepest first.
+pub(crate) fn missing(dir: &Path) -> Vec<PathBuf> {
+    dir.ancestors().take_while(|dir| !dir.as_os_str().is_empty() && !dir.exists()).map(Path::to_path_buf).collect()
+}
+
 /// Free bytes for a directory, which may not exist yet; `None` if unknown.
 pub(crate) fn free_bytes(dir: &Path) -> Option<u64> {
     let disk = rustix::fs::statvfs(nearest(dir)).ok()?;
@@ -230,8 +235,11 @@ impl Disk {
 
     /// Writes a small file. Its name holds the old content, the new content, or no file, never a part.
     pub(crate) fn write(&self, path: &Path, bytes: &[u8]) -> Result<()> {
-        let (temporary, file) = self.fill(path, bytes)?;
-        self.sync(&temporary, &file)?;
+        let written = self.fill(path, bytes).and_then(|(temporary, file)| self.sync(&temporary, &file));
+        written.inspect_err(|_| {
+            // On a full disk nothing half-written stays.
+            let _ = self.remove_file(&temporary(path));
+        })?;
         self.name(path)
     }
 

@@ -12,7 +12,7 @@ use crate::folder::Folder;
 use crate::inside::{check_outside, located, named};
 use crate::json::read_json;
 use crate::kind::Kind;
-use crate::layout::JOURNAL_NAME;
+use crate::layout::{JOURNAL_NAME, LABELS_NAME};
 use brickyard_import::SourceInfo;
 use brickyard_volume::units::LengthUnit;
 use brickyard_volume::{Geometry, Orientation};
@@ -159,7 +159,7 @@ pub(crate) fn unlisted_reason(store: &Path) -> Option<String> {
 
 /// The names of an image's labels.
 pub(crate) fn names(image: &Path) -> Result<Vec<String>, OpenError> {
-    let path = image.join("labels");
+    let path = image.join(LABELS_NAME);
     let document = match Folder::open(&path) {
         Err(error) if matches!(error.kind(), ErrorKind::NotFound | ErrorKind::NotADirectory) => None,
         folder => list_in(&folder.map_err(|error| OpenError::Io { path, error })?)?,
@@ -206,7 +206,7 @@ fn list_in(folder: &Folder) -> Result<Option<Value>, OpenError> {
 /// The folder in whose folder `labels` a store is, or would be.
 fn image_around(store: &Path) -> Option<PathBuf> {
     let place = located(store);
-    let labels = place.parent().filter(|folder| folder.file_name() == Some("labels".as_ref()))?;
+    let labels = place.parent().filter(|folder| folder.file_name() == Some(LABELS_NAME.as_ref()))?;
     Some(named(labels.parent()?).to_path_buf())
 }
 

@@ -12,7 +12,7 @@
 use crate::data_file::{open_file, read_at_most};
 use crate::layout::LOCK_NAME;
 use crate::pack::PackError;
-use crate::pack::disk::{Disk, DiskError};
+use crate::pack::disk::{Disk, DiskError, missing};
 use rustix::fs::OFlags;
 use std::fs::{File, OpenOptions, TryLockError};
 use std::io;
@@ -78,12 +78,37 @@ pub(crate) fn holder_of(dir: &Path) -> Option<Holder> {
 pub(crate) struct DirLock {
     dir: PathBuf,
     file: File,
-    /// Whether the directory was made for a lock, and goes with it if empty.
-    made_dir: bool,
+    made: MadeFolders,
+}
+
+/// Folders made for a lock, deepest first. They go with it as far as they are empty.
+struct MadeFolders(Vec<PathBuf>);
+
+impl MadeFolders {
+    /// Makes a directory, and those around it, as far as they are missing.
+    fn down_to(disk: &Disk, dir: &Path) -> Result<Self, DiskError> {
+        // Known before the first is made: of several, only some may be.
+        let made = Self(missing(dir));
+        if !made.0.is_empty() {
+            disk.create_dir_all(dir)?;
+        }
+        Ok(made)
+    }
+}
+
+impl Drop for MadeFolders {
+    fn drop(&mut self) {
+        for dir in &self.0 {
+            match std::fs::remove_dir(dir) {
+                Err(error) if error.kind() != io::ErrorKind::NotFound => return,
+                _ => {}
+            }
+        }
+    }
 }
 
 impl DirLock {
-    /// Takes the lock of a directory, created if missing.
+    /// Takes the lock of a directory, created if missing, with those around it.
     ///
     /// # Errors
     /// If another pack has the lock, the file system does not lock files, or the lock file cannot be made, for instance
@@ -106,10 +131,7 @@ impl DirLock {
 
     /// Takes the lock, or tells its holder, unknown if something vanished meanwhile.
     fn attempt(disk: &Disk, dir: &Path) -> Result<Result<Self, Option<Holder>>, PackError> {
-        let made_dir = !dir.exists();
-        if made_dir {
-            disk.create_dir_all(dir)?;
-        }
+        let made = MadeFolders::down_to(disk, dir)?;
         let path = dir.join(LOCK_NAME);
         let mut options = OpenOptions::new();
         options.read(true).write(true).create(true).truncate(false);
@@ -136,14 +158,13 @@ impl DirLock {
             // Reopened for reading: an NFS client then consults the server.
             Err(TryLockError::WouldBlock) => return Ok(Err(Holder::read(&path))),
             Err(TryLockError::Error(error)) => {
-                // Nobody can have a lock here: delete everything made for it.
+                // Nobody can have a lock here: the file goes, too.
                 let _ = std::fs::remove_file(&path);
-                let _ = if made_dir { std::fs::remove_dir(dir) } else { Ok(()) };
                 return Err(PackError::NoLock { path: dir.into(), error });
             }
         }
         file.set_len(0).map_err(|error| PackError::Io { path, error })?;
-        Ok(Ok(Self { dir: dir.into(), file, made_dir }))
+        Ok(Ok(Self { dir: dir.into(), file, made }))
     }
 
     /// Writes this process's name into the lock file, for others waiting for the lock.
@@ -159,7 +180,7 @@ impl DirLock {
     /// Makes the lock remove its directory on drop if empty: for a directory made only by packs. Of several
     /// simultaneous packs one makes it, and another may be the last to leave.
     pub(crate) fn takes_dir_along(&mut self) {
-        self.made_dir = true;
+        self.made.0 = vec![self.dir.clone()];
     }
 
     /// Looks for the lock's directory under its possible new names.
@@ -172,7 +193,7 @@ impl DirLock {
     /// Sets the lock's directory, which then outlives the lock.
     pub(crate) fn moved(&mut self, dir: &Path) {
         self.dir = dir.into();
-        self.made_dir = false;
+        self.made.0.clear();
     }
 }
 
@@ -183,9 +204,6 @@ impl Drop for DirLock {
         // unlocked file.
         if is_named(&self.file, &path) && std::fs::remove_file(&path).is_ok() {
             let _ = self.file.set_len(0).and_then(|()| self.file.write_all_at(LEFT, 0));
-        }
-        if self.made_dir {
-            let _ = std::fs::remove_dir(&self.dir);
         }
     }
 }

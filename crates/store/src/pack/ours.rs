@@ -2,7 +2,7 @@
 //! foreign files prevent replacing the directory.
 
 use crate::downsample::Downsample;
-use crate::layout::{COUNTS_NAME, JOURNAL_NAME, LOCK_NAME, SIDE_NAME};
+use crate::layout::{COUNTS_NAME, JOURNAL_NAME, LABELS_NAME, LOCK_NAME, SIDE_NAME};
 use crate::pack::disk::{Disk, DiskError, temporary};
 use std::fs::DirEntry;
 use std::io;
@@ -17,6 +17,8 @@ const SIDE_ARRAYS: [&str; 6] = ["ranges", "hashes", "shards", "aprons", "minmax"
 pub(crate) enum Folder {
     /// Levels and the root document.
     Store,
+    /// The folder of an image's labels. With anything in it, it is someone's; a pack killed at its start leaves it empty.
+    Labels,
     /// Levels and root documents of Zarr 2.
     OldGroup,
     /// An array of Zarr 2: documents and chunks.
@@ -38,7 +40,7 @@ impl Folder {
             Self::OldGroup => [".zgroup", ".zattrs"].contains(&whole) || name == LOCK_NAME,
             Self::OldArray => [".zarray", ".zattrs"].contains(&whole),
             Self::Chunks => is_number(whole),
-            Self::Side => false,
+            Self::Side | Self::Labels => false,
         }
     }
 
@@ -46,7 +48,9 @@ impl Folder {
     fn inner(self, name: &str) -> Option<Self> {
         let is_side = || SIDE_ARRAYS.contains(&name) || Downsample::ALL.iter().any(|method| method.name() == name);
         match self {
+            Self::Store if name == LABELS_NAME => Some(Self::Labels),
             Self::Store => is_number(name).then_some(Self::Array),
+            Self::Labels => None,
             Self::Array if name == "c" => Some(Self::Chunks),
             Self::Array => (name == SIDE_NAME).then_some(Self::Side),
             Self::OldGroup => is_number(name).then_some(Self::OldArray),

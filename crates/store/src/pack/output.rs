@@ -17,7 +17,7 @@ use crate::folder::Folder;
 use crate::inside::{check_outside, named};
 use crate::json::read_json;
 use crate::layout::{JOURNAL_NAME, LOCK_NAME};
-use crate::pack::disk::{Disk, DiskError, free_bytes, nearest, temporary, with_suffix};
+use crate::pack::disk::{Disk, DiskError, free_bytes, missing, nearest, temporary, with_suffix};
 use crate::pack::image_labels::ImageLabels;
 use crate::pack::journal::{Head, Journal};
 use crate::pack::lock::{self, DirLock};
@@ -89,7 +89,7 @@ impl<'a> Output<'a> {
         check_place(&store, settings)?;
         check_room(&store, plan)?;
         disk.work_at(&store);
-        let made = ancestors_to_make(&store);
+        let made = missing(&store);
         for _ in 0..MOST_CHANGES {
             let Some((step, dir)) = decide(disk, &store, exists, settings)? else {
                 if is_there(&store.join(LOCK_NAME))? {
@@ -119,7 +119,7 @@ impl<'a> Output<'a> {
         Err(PackError::Busy { store, holder: None })
     }
 
-    /// Deletes everything written so far, and the directory if this pack made it.
+    /// Deletes everything written so far, and the directories that this pack made.
     ///
     /// # Errors
     /// If something cannot be deleted.
@@ -454,11 +454,6 @@ pub(crate) fn resolve(store: &Path) -> Result<PathBuf, PackError> {
         Ok(target) => Ok(target),
         Err(error) => Err(PackError::Io { path: store.into(), error }),
     }
-}
-
-/// Missing directories down to `dir`, deepest first.
-fn ancestors_to_make(dir: &Path) -> Vec<PathBuf> {
-    dir.ancestors().take_while(|dir| !dir.as_os_str().is_empty() && !dir.exists()).map(Path::to_path_buf).collect()
 }
 
 /// The place of a store between two renames.

@@ -48,6 +48,7 @@ fn a_cancelled_pack_has_no_final_name_and_is_resumed() {
                 assert!(source.reads.into_inner() <= fresh.threads as u32, "{access:?}: reads on");
             }
             assert!(Store::open(&store).is_err(), "{access:?} {voxels}: half of a store opens");
+            assert_eq!(store.exists(), done > 0, "{access:?} {voxels}: {done} shards");
             let resume = PackOptions { exists: Exists::Resume, ..fresh.clone() };
             let report = pack(&array(access), &store, &resume, &()).unwrap();
             assert_eq!(report.shards_resumed, done, "{access:?} {voxels}");

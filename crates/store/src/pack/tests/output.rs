@@ -326,6 +326,10 @@ fn overwriting_deletes_only_what_packing_wrote() {
         std::fs::remove_file(&path).unwrap();
         let _ = std::fs::remove_dir(path.parent().unwrap());
     }
+    // A folder of labels without any is no one's.
+    std::fs::create_dir(store.join("labels")).unwrap();
+    pack(&source(), &store, &both(Exists::Overwrite), &()).unwrap();
+    assert!(!store.join("labels").exists());
     std::os::unix::fs::symlink(dir.path(), store.join("7")).unwrap();
     assert!(matches!(overwrite(variant(1, Exists::Overwrite)), PackError::Foreign { .. }));
     std::fs::remove_file(store.join("7")).unwrap();
