@@ -99,12 +99,12 @@ pub(crate) fn run(arguments: EditArguments) -> Result<(), Failure> {
     if edit == Edit::default() {
         return Err(Failure::usage("expected a value to set, as in --spacing 0.5,0.5,2 --unit um"));
     }
+    let AppendOptions { memory_bytes, threads } = limits.of_append();
     let edited = match is_dry {
-        true => store::rehearse_edit(&store, &edit),
+        true => store::rehearse_edit(&store, &edit, memory_bytes, threads),
         false => {
             let watcher =
                 Watcher { progress: Progress::new(limits.progress, "levels"), interrupt: Interrupt::watch()? };
-            let AppendOptions { memory_bytes, threads } = limits.of_append();
             let edited = store::edit_within(&store, &edit, memory_bytes, threads, &watcher);
             watcher.progress.finish();
             edited

@@ -1,6 +1,6 @@
 //! `brickyard mesh`: an isosurface, or the borders of labels, to a file of triangles.
 
-use super::channel_args::check_labels;
+use super::channel_args::{channel_of, check_labels};
 use super::interrupt::Interrupt;
 use super::output::may_write_mesh;
 use super::progress::{Progress, ProgressStyleArgument};
@@ -45,9 +45,9 @@ pub(crate) struct MeshArguments {
     /// Time step
     #[arg(help_heading = heading::READ, long, default_value_t = 0)]
     time: u32,
-    /// Channel
-    #[arg(help_heading = heading::READ, long, default_value_t = 0)]
-    channel: u32,
+    /// Channel by number or name [default: 0]
+    #[arg(help_heading = heading::READ, long)]
+    channel: Option<String>,
     /// Limit of the process's own memory
     #[arg(help_heading = heading::WORK, long, value_name = "BYTES", default_value = "1GiB", value_parser = values::bytes)]
     memory: u64,
@@ -109,16 +109,15 @@ pub(crate) fn run(arguments: &MeshArguments) -> Result<(), Failure> {
         (Some(value), None) => MeshSurface::Isosurface(value),
         (None, None) => return Err(Failure::usage("no surface: give --isovalue or --label")),
     };
-    if let MeshSurface::Label(label) = surface
-        && arguments.channel < store.channels()
-    {
-        check_labels("--label", &[label], &VolumeSource::of_store(&store), arguments.channel)?;
+    let channel = arguments.channel.as_deref().map_or(Ok(0), |text| channel_of(text, &store))?;
+    if let MeshSurface::Label(label) = surface {
+        check_labels("--label", &[label], &VolumeSource::of_store(&store), channel)?;
     }
     let request = MeshRequest {
         surface,
         level: Level(arguments.level),
         time: arguments.time,
-        channel: arguments.channel,
+        channel,
         region: arguments.roi,
         smoothing: arguments.smooth,
         decimation_voxels: arguments.decimate,

@@ -144,17 +144,17 @@ fn usual_work() -> Work<'static> {
     Work { memory_bytes, threads, progress: &() }
 }
 
-/// Makes all checks of [`edit`], and changes nothing.
+/// Makes all checks of [`edit_within`], and changes nothing.
 ///
 /// # Errors
-/// If [`edit`] would fail before its first change.
-pub fn rehearse_edit(store: &Path, edit: &Edit) -> Result<EditReport, EditError> {
+/// If [`edit_within`] would fail before its first change.
+pub fn rehearse_edit(store: &Path, edit: &Edit, memory_bytes: u64, threads: usize) -> Result<EditReport, EditError> {
     let dir = find_finished(&Disk::default(), store)?;
     if let Some(holder) = lock::holder_of(&dir) {
         return Err(PackError::Busy { store: dir, holder: Some(holder) }.into());
     }
     if makes_levels(&Store::open(&dir)?, edit) {
-        return levels::rehearse(&dir, edit, &usual_work());
+        return levels::rehearse(&dir, edit, &Work { memory_bytes, threads, progress: &() });
     }
     let edited = Edited::of(&Arc::new(open_folder(&dir)?), edit)?;
     Ok(edited.report(&dir))

@@ -42,10 +42,15 @@ fn is_sound(path: &Path) {
     assert_eq!((report.problems, report.edits), (vec![], vec![]));
 }
 
+fn rehearsed(path: &Path, change: &Edit) -> Result<EditReport, EditError> {
+    let Work { memory_bytes, threads, .. } = usual_work();
+    rehearse_edit(path, change, memory_bytes, threads)
+}
+
 fn refusal(path: &Path, change: &Edit) -> String {
     let before = files(path);
     let error = edit(path, change).unwrap_err();
-    assert_eq!(rehearse_edit(path, change).unwrap_err().to_string(), error.to_string());
+    assert_eq!(rehearsed(path, change).unwrap_err().to_string(), error.to_string());
     assert_eq!(files(path), before);
     error.to_string()
 }
@@ -78,7 +83,7 @@ fn an_edited_store_has_the_metadata_of_one_packed_so() {
         ],
         ..Edit::default()
     };
-    let said = rehearse_edit(&path, &all).unwrap();
+    let said = rehearsed(&path, &all).unwrap();
     assert_eq!(files(&path), before);
     let report = edit(&path, &all).unwrap();
     assert_eq!(said, report);
@@ -398,7 +403,7 @@ fn an_unfinished_store_and_one_in_use_are_refused() {
     let packing = PackOptions { downsample: mean_and_max(), ..options(VoxelType::U8) };
     let mut appender = Appender::create(&path, &first, stamp, &packing, &()).unwrap();
     assert!(matches!(edit(&path, &spacing(3.0)), Err(EditError::Pack(PackError::Busy { .. }))));
-    assert!(matches!(rehearse_edit(&path, &spacing(3.0)), Err(EditError::Pack(PackError::Busy { .. }))));
+    assert!(matches!(rehearsed(&path, &spacing(3.0)), Err(EditError::Pack(PackError::Busy { .. }))));
     appender.append(&source(1, 1), None, &()).unwrap();
     drop(appender);
     // Steps appended later join the edited store.
@@ -496,7 +501,7 @@ fn means_are_made_again_for_labels_and_level_0_stays() {
         pack(&source, &told, &as_labels(), &()).unwrap();
         change_root(&image, |root| root["attributes"]["theirs"] = json!([1]));
         let before = files(&image);
-        rehearse_edit(&image, &labels()).unwrap();
+        rehearsed(&image, &labels()).unwrap();
         assert_eq!(files(&image), before);
         let shard = image.join(if times == 1 { "0/c/0/0/0" } else { "0/c/1/1/0/0/0" });
         let number = shard.metadata().unwrap().ino();
@@ -557,6 +562,7 @@ fn levels_that_cannot_be_made_leave_the_store() {
     assert_eq!(files(dir.path()), before);
     let little = edit_within(&path, &labels(), 1 << 20, threads, &()).unwrap_err().to_string();
     assert!(little.contains("`memory`"), "{little}");
+    assert_eq!(rehearse_edit(&path, &labels(), 1 << 20, threads).unwrap_err().to_string(), little);
     assert_eq!(files(dir.path()), before);
     std::fs::create_dir_all(path.join("labels/l")).unwrap();
     assert!(refusal(&path, &labels()).contains("labels/l is not part of the store"));
