@@ -5,13 +5,11 @@ use crate::error::ExportError;
 use crate::format::Format;
 use crate::metaimage::data_beside;
 use crate::raw::text_beside;
-use brickyard_import::temporary::named_in;
-use brickyard_store::check_outside;
-use std::fs::Permissions;
+use brickyard_import::unfinished::{OutputFolder, file_for, folder_for};
+use brickyard_store::{check_outside, remove_unfinished};
 use std::io::{Error, ErrorKind, Write};
-use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
-use tempfile::{NamedTempFile, TempDir};
+use tempfile::NamedTempFile;
 
 /// Start of temporary names.
 const PREFIX: &str = ".brickyard-export";
@@ -59,7 +57,7 @@ impl Target {
 
     /// Creates the data's file under a temporary name.
     pub(crate) fn create(&self) -> Result<NamedTempFile, ExportError> {
-        named_in(folder_of(&self.data), PREFIX, "").map_err(ExportError::io(&self.data))
+        file_for(&self.data, PREFIX).map_err(ExportError::io(&self.data))
     }
 
     /// Gives the complete files their names: the text last, and an old one goes first, as it would describe other voxels.
@@ -67,7 +65,7 @@ impl Target {
         data.as_file().sync_all().map_err(ExportError::io(&self.data))?;
         let Some((path, text)) = self.text.as_ref().zip(text) else { return persist(data, &self.data, overwrite) };
         let io = ExportError::io(path);
-        let mut file = named_in(folder_of(path), PREFIX, "").map_err(&io)?;
+        let mut file = file_for(path, PREFIX).map_err(&io)?;
         file.write_all(text).and_then(|()| file.as_file().sync_all()).map_err(&io)?;
         if overwrite {
             match std::fs::remove_file(path) {
@@ -108,23 +106,27 @@ fn persist(file: NamedTempFile, path: &Path, overwrite: bool) -> Result<(), Expo
 }
 
 /// Creates a folder under a temporary name beside a path.
-pub(crate) fn create_folder(path: &Path) -> Result<TempDir, ExportError> {
-    create_folder_in(folder_of(path), path)
+pub(crate) fn create_folder(path: &Path) -> Result<OutputFolder, ExportError> {
+    folder_for(path, PREFIX, remove_left).map_err(ExportError::io(path))
 }
 
-/// Creates a folder under a temporary name in another one, for an output.
-pub(crate) fn create_folder_in(folder: &Path, output: &Path) -> Result<TempDir, ExportError> {
-    let mut builder = tempfile::Builder::new();
-    builder.prefix(PREFIX).permissions(Permissions::from_mode(0o777));
-    builder.tempdir_in(folder).map_err(|error| {
-        // Temporary names mean nothing to users.
-        let error = error.raw_os_error().map_or(error, Error::from_raw_os_error);
-        ExportError::io(output)(error)
-    })
+/// Deletes the folder that a killed export left, but for anything that no export puts there.
+fn remove_left(folder: &Path) {
+    for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
+        let path = entry.path();
+        match entry.file_type() {
+            Ok(kind) if kind.is_dir() => remove_unfinished(&path),
+            Ok(kind) if kind.is_file() && path.extension().is_some_and(|end| end == "png") => {
+                let _ = std::fs::remove_file(&path);
+            }
+            _ => {}
+        }
+    }
+    let _ = std::fs::remove_dir(folder);
 }
 
 /// Gives a complete folder its name. Another folder is never replaced, unless it is empty.
-pub(crate) fn keep_folder(folder: TempDir, path: &Path) -> Result<(), ExportError> {
+pub(crate) fn keep_folder(folder: OutputFolder, path: &Path) -> Result<(), ExportError> {
     match std::fs::rename(folder.path(), path) {
         Ok(()) => {
             // It has another name, so there is nothing to delete.
@@ -136,8 +138,4 @@ pub(crate) fn keep_folder(folder: TempDir, path: &Path) -> Result<(), ExportErro
         }
         Err(error) => Err(ExportError::io(path)(error)),
     }
-}
-
-fn folder_of(path: &Path) -> &Path {
-    path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }

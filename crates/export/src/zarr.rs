@@ -10,7 +10,7 @@ use crate::error::ExportError;
 use crate::facts::{Fact, lost_in_words};
 use crate::job::Job;
 use crate::ngff::Ngff;
-use crate::output::create_folder_in;
+use crate::output::create_folder;
 use crate::plan::{Body, Plan};
 use crate::volume::Volume;
 use brickyard_store::metadata::document_bytes;
@@ -69,7 +69,7 @@ pub(crate) struct Written<'a> {
 /// If the memory is too little, a brick cannot be read, a file cannot be written, or the export is cancelled.
 pub(crate) fn write(job: &Job, written: &Written) -> Result<(), ExportError> {
     let &Written { store, version, place } = written;
-    let folder = create_folder_in(place.parent(), job.output)?;
+    let folder = create_folder(place.path())?;
     let packed = folder.path().join("packed");
     let options = pack_options(job, written);
     let watch = Watch { job, share: if version == Ngff::V04 { 2 } else { 1 }, is_cancelled: AtomicBool::new(false) };

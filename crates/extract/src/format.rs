@@ -3,7 +3,8 @@
 //! The file has a temporary name in its folder until complete; parts whose place is known late wait in nameless files beside it.
 
 use crate::error::MeshError;
-use brickyard_import::temporary::{named_in, unnamed_in};
+use brickyard_import::temporary::unnamed_in;
+use brickyard_import::unfinished::file_for;
 use glam::DVec3;
 use std::fs::File;
 use std::io::{self, BufWriter, Seek, Write};
@@ -82,7 +83,7 @@ impl Place {
     /// # Errors
     /// If the system refuses it.
     pub(crate) fn file(&self) -> Result<BufWriter<NamedTempFile>, MeshError> {
-        let file = named_in(self.folder(), ".brickyard-mesh", "").map_err(|error| self.io(error))?;
+        let file = file_for(&self.output, ".brickyard-mesh").map_err(|error| self.io(error))?;
         Ok(BufWriter::with_capacity(BUFFER_BYTES, file))
     }
 

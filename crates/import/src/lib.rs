@@ -114,6 +114,8 @@ mod testing;
 #[cfg(feature = "tiff")]
 mod tiff_stack;
 mod time;
+#[cfg(unix)]
+pub mod unfinished;
 mod variable;
 #[cfg(feature = "vtk")]
 mod vtk;

@@ -6,13 +6,16 @@ use std::io;
 use std::path::Path;
 use tempfile::{Builder, NamedTempFile};
 
+/// Letters and digits of a name's random part.
+pub(crate) const RANDOM_BYTES: usize = 6;
+
 /// Creates a file in `folder`, removed unless it is given a name; its permissions are those of any new file.
 ///
 /// # Errors
 /// If the system refuses the file.
 pub fn named_in(folder: &Path, prefix: impl AsRef<OsStr>, suffix: &str) -> io::Result<NamedTempFile> {
     let mut builder = Builder::new();
-    builder.prefix(&prefix).suffix(suffix);
+    builder.prefix(&prefix).suffix(suffix).rand_bytes(RANDOM_BYTES);
     #[cfg(unix)]
     {
         use std::os::unix::fs::PermissionsExt;
@@ -30,7 +33,7 @@ pub fn unnamed_in(folder: &Path) -> io::Result<File> {
 }
 
 /// Returns the system's own error, without the file's name: `tempfile` keeps only its words.
-fn without_path(error: io::Error) -> io::Error {
+pub(crate) fn without_path(error: io::Error) -> io::Error {
     let told = error.get_ref().map(ToString::to_string).unwrap_or_default();
     let code = told.split_once("(os error ").and_then(|(_, rest)| rest.split_once(')')?.0.parse().ok());
     code.map_or(error, io::Error::from_raw_os_error)

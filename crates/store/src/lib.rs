@@ -58,7 +58,7 @@ pub use pack::{
     settings_fingerprint,
 };
 pub use repair::{RepairError, RepairReport, recorded_settings, repair};
-pub use replace::{Destination, creator};
+pub use replace::{Destination, creator, remove_unfinished};
 pub use scratch::Scratch;
 pub use shard::Fingerprint;
 pub use shard_file::IoMode;

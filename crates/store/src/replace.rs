@@ -6,6 +6,7 @@ use crate::folder::Folder as OpenFolder;
 use crate::held::unfinished;
 use crate::inside::check_outside;
 use crate::json::read_json;
+use crate::layout::{JOURNAL_NAME, LOCK_NAME};
 use crate::pack::PackError;
 use crate::pack::disk::{Disk, DiskError, Part};
 use crate::pack::lock::DirLock;
@@ -55,11 +56,6 @@ impl Destination {
         &self.path
     }
 
-    /// The folder around it.
-    pub fn parent(&self) -> &Path {
-        parent(&self.path)
-    }
-
     /// Moves a complete folder of the same file system here, and deletes the one it replaces. Afterwards nothing has its old name, or, if others added
     /// files to the replaced folder meanwhile, these alone.
     ///
@@ -87,7 +83,7 @@ impl Destination {
                 other => other?,
             }
         }
-        Ok(disk.sync_dir(self.parent())?)
+        Ok(disk.sync_dir(parent(&self.path))?)
     }
 
     fn replace(&self, disk: &Disk, new: &Path) -> Result<(), PackError> {
@@ -115,6 +111,18 @@ impl Destination {
             other => Ok(other?),
         }
     }
+}
+
+/// Deletes the store or export in a folder, finished or not, as far as it can; and the folder, unless others put something there.
+pub fn remove_unfinished(folder: &Path) {
+    let disk = Disk::default();
+    for root in [Folder::Store, Folder::OldGroup] {
+        let _ = ours::remove_in(&disk, root, folder);
+    }
+    for name in [JOURNAL_NAME, LOCK_NAME] {
+        let _ = ours::remove_file(&disk, &folder.join(name));
+    }
+    let _ = std::fs::remove_dir(folder);
 }
 
 /// The kind of a folder that may be replaced.
