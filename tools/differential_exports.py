@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
 """Random stores, exported by brickyard to every format, and opened by other programs: voxels bit for bit, three corners' places, names and times.
 
-    pip install ngff-zarr nibabel numpy ome-zarr ome-zarr-models pillow pynrrd SimpleITK tifffile vtk zarr
+    pip install 'ngff-zarr[validate]' nibabel numpy ome-zarr ome-zarr-models pillow pynrrd SimpleITK slicerio tifffile vtk zarr
     tools/differential_exports.py --brickyard target/release/brickyard --count 200 --seed 1
 
 Each case packs a raw file of noise with a text that places it, then exports a box of a level, of some channels and steps, to every format. Files are also
-packed again, and compared with the export to .npy; coarser levels of OME-Zarr are compared with means. Prints each difference, and counts of files: equal, refused, wrong.
+packed again, and compared with the export to .npy; coarser levels of OME-Zarr are compared with means. At last the store is made labels for .seg.nrrd. Prints each difference, and counts of files: equal, refused, wrong.
 """
 
 import argparse
@@ -26,6 +26,7 @@ import ome_zarr.reader
 import ome_zarr_models
 import PIL.Image
 import SimpleITK
+import slicerio
 import tifffile
 import vtk
 import zarr
@@ -34,7 +35,7 @@ from vtk.util.numpy_support import vtk_to_numpy
 DTYPES = {"u8": "u1", "i8": "i1", "u16": "u2", "i16": "i2", "u32": "u4", "i32": "i4", "f32": "f4"}
 METRES = {"millimeter": 1e-3, "micrometer": 1e-6, "nanometer": 1e-9, "meter": 1.0, "inch": 0.0254, None: 1e-3}
 SECONDS = {"second": 1.0, "millisecond": 1e-3, "hour": 3600.0}
-FORMATS = ["npy", "nii", "nii.gz", "nrrd", "mha", "mhd", "vti", "tif", "ome.tif", "/", "raw", "0.4.zarr", "0.5.zarr", "0.6.zarr"]
+FORMATS = ["npy", "nii", "nii.gz", "nrrd", "mha", "mhd", "vti", "pvd", "tif", "ome.tif", "/", "raw", "0.4.zarr", "0.5.zarr", "0.6.zarr", "seg.nrrd"]
 LPS_FROM_RAS = np.diag([-1.0, -1.0, 1.0])
 
 
@@ -125,7 +126,7 @@ class Case:
         levels = self.info["levels"]
         self.level = int(random.integers(len(levels)))
         extent = levels[self.level]["extent"]
-        factor = np.array(levels[self.level]["factor"], float)
+        factor = np.round(np.divide(levels[self.level]["spacing"], levels[0]["spacing"]))
         low = [int(random.integers(n)) for n in extent]
         high = [int(random.integers(a + 1, n + 1)) for a, n in zip(low, extent)]
         self.flags = ["--level", self.level, "--roi", ",".join(f"{a}:{b}" for a, b in zip(low, high))]
@@ -171,12 +172,15 @@ class Case:
         name = "b/" if end == "/" else f"b.{end}"
         if end == "/":
             subprocess.run(["rm", "-rf", self.folder / "b"], check=True)
+        if end == "seg.nrrd":
+            self.make_labels()
         version = ["--ngff", end[:3]] if end.endswith(".zarr") else []
         done = self.run("export", "s.zarr", name, *([] if end == "/" else ["--overwrite"]), *self.flags, *version, may_fail=True)
         channels, steps = self.expected.shape[1], self.expected.shape[0]
         may = {
             "mha": channels == 1, "mhd": channels == 1, "vti": steps == 1,
             "/": channels == steps == 1 and self.dtype in ["u8", "u16"],
+            "seg.nrrd": channels == steps == 1 and self.dtype != "f32" and self.expected.max() < 2**31,
         }.get(end, True)
         expect(may == (done.returncode == 0), name, "refused" if may else "not refused", done.stderr)
         if not may:
@@ -184,14 +188,14 @@ class Case:
         if version:
             self.check_zarr(self.folder / name, end[:3])
             return False
-        getattr(self, "check_" + {"nii.gz": "nii", "mhd": "mha", "/": "png", "ome.tif": "ome"}.get(end, end))(self.folder / name)
+        getattr(self, "check_" + {"nii.gz": "nii", "mhd": "mha", "/": "png", "ome.tif": "ome", "seg.nrrd": "segments"}.get(end, end))(self.folder / name)
         if end != "npy":
             self.check_again(name, end)
         return False
 
     def check_again(self, name, end):
         """Packs the file, and compares."""
-        self.run("pack", name, "q.zarr", "--overwrite", "--brick", 8, "--progress", "none", *(["--variable", self.vti_names] if end == "vti" and self.expected.shape[1] > 1 else []))
+        self.run("pack", name, "q.zarr", "--overwrite", "--brick", 8, "--progress", "none", *(["--variable", self.vti_names] if end in ["vti", "pvd"] and self.expected.shape[1] > 1 else []))
         self.run("export", "q.zarr", "q.npy", "--overwrite", "--channel", "all", "--time", "all")
         expect(same(np.load(self.folder / "q.npy"), self.expected), name, "packed again: voxels")
 
@@ -256,6 +260,39 @@ class Case:
             if self.expected.shape[1] > 1:
                 found = np.moveaxis(found, -1, 0)
             expect(same(found.reshape(self.expected.shape), self.expected), path.name, "SimpleITK: voxels", found.shape)
+
+    def make_labels(self):
+        """Makes the store labels, if its numbers can be, and so other coarser levels."""
+        if self.dtype != "f32":
+            self.run("edit", "s.zarr", "--kind", "labels", "--progress", "none")
+            self.run("export", "s.zarr", "p.npy", "--overwrite", *self.flags)
+            self.expected = np.load(self.folder / "p.npy").reshape(self.expected.shape)
+
+    def check_segments(self, path):
+        self.check_nrrd(path)
+        said = slicerio.read_segmentation(str(path))
+        expect(said["containedRepresentationNames"] == ["Binary labelmap"], path.name, said["containedRepresentationNames"])
+        voxels = self.expected[0, 0]
+        expect(same(np.asarray(said["voxels"]).T, voxels), path.name, "slicerio: voxels")
+        found = {int(segment["labelValue"]): segment for segment in said["segments"]}
+        expect(sorted(found) == [label for label in np.unique(voxels).tolist() if label], path.name, "labels", sorted(found)[:9])
+        for label in list(found)[:: 1 + len(found) // 100]:
+            places = np.argwhere(voxels == label)[:, ::-1]
+            box = np.stack([places.min(axis=0), places.max(axis=0)], axis=1).ravel().tolist()
+            expect(list(found[label]["extent"]) == box and found[label]["layer"] == 0, path.name, "segment", found[label], box)
+
+    def check_pvd(self, path):
+        sets = xml.etree.ElementTree.parse(path).getroot().findall(".//DataSet")
+        expect(len(sets) == len(self.steps), path.name, "steps", len(sets))
+        steps, expected = self.steps, self.expected
+        try:
+            for i, one in enumerate(sets):
+                self.steps, self.expected = steps[i : i + 1], expected[i : i + 1]
+                self.check_vti(path.parent / one.get("file"))
+                if self.time in ["even", "late"]:
+                    expect(float(one.get("timestep")) == self.start + 0.25 * steps[i], path.name, "timestep", one.get("timestep"))
+        finally:
+            self.steps, self.expected = steps, expected
 
     def check_vti(self, path):
         reader = vtk.vtkXMLImageDataReader()

@@ -20,8 +20,8 @@ use std::sync::Arc;
 pub(crate) struct ExportArguments {
     /// The store
     store: PathBuf,
-    /// The output, whose name tells the format: .zarr (OME-Zarr), .nii, .nii.gz, .nrrd, .mha, .mhd, .vti, .tif (ImageJ), .ome.tif, .npy, .raw (with
-    /// a text for pack beside it), or a folder's name ending in / for PNG planes
+    /// The output, whose name tells the format: .zarr (OME-Zarr), .nii, .nii.gz, .nrrd, .seg.nrrd (labels, for 3D Slicer), .mha, .mhd, .vti, .pvd (a
+    /// series of .vti), .tif (ImageJ), .ome.tif, .npy, .raw (with a text for pack beside it), or a folder's name ending in / for PNG planes
     output: PathBuf,
     /// Level; 0 is the finest
     #[arg(help_heading = heading::READ, long, default_value_t = 0)]
@@ -41,7 +41,7 @@ pub(crate) struct ExportArguments {
     /// Limit of the process's own memory
     #[arg(help_heading = heading::WORK, long, value_name = "BYTES", default_value = "1GiB", value_parser = values::bytes)]
     memory: u64,
-    /// Replace an existing file, or an OME-Zarr of this program
+    /// Replace an existing file, a series of .vti, or an OME-Zarr of this program
     #[arg(help_heading = heading::OUTPUT, long)]
     overwrite: bool,
     /// How to show progress

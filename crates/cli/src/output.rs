@@ -61,11 +61,12 @@ pub(crate) fn may_write_array(path: &Path, overwrite: bool) -> Result<(), Failur
         return Err(Failure::usage(format!("{}: {advice}", path.display())));
     }
     let files = paths_of(path).ok_or_else(|| Failure::usage(ExportError::Extension { path: path.into() }))?;
-    match Format::of(path) {
+    let has_folder = matches!(Format::of(path), Some(Format::Zarr | Format::Pvd));
+    files.iter().try_for_each(|file| match has_folder && file.is_dir() {
         // Whether it may be replaced is seen with its content.
-        Some(Format::Zarr) if path.is_dir() => check_outside(path).map_err(Failure::usage),
-        _ => files.iter().try_for_each(|file| may_write_file(file, overwrite)),
-    }
+        true => check_outside(file).map_err(Failure::usage),
+        false => may_write_file(file, overwrite),
+    })
 }
 
 /// Checks whether a mesh may be written here: as [`may_write`], and it is a file of a supported type, in an existing

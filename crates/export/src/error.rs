@@ -5,8 +5,7 @@ use brickyard_store::{InsideStore, PackError, ReadError};
 use std::path::{Path, PathBuf};
 
 /// Ends of names with a format, for messages.
-const NAMES: &str =
-    ".zarr, .nii, .nii.gz, .nrrd, .mha, .mhd, .vti, .tif, .ome.tif, .npy, .raw or, for a folder of PNG planes, /";
+const NAMES: &str = ".zarr, .nii, .nii.gz, .nrrd, .seg.nrrd, .mha, .mhd, .vti, .pvd, .tif, .ome.tif, .npy, .raw or, for a folder of PNG planes, /";
 
 /// Why an export failed. Afterwards no new file has the output's name.
 #[derive(Debug, thiserror::Error)]

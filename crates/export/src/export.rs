@@ -6,11 +6,14 @@ use crate::flat;
 use crate::format::Format;
 use crate::gzip::{self, Gzip};
 use crate::job::{Blocks, Job};
+use crate::nrrd;
 use crate::output::{Target, check, create_folder, keep_folder};
 use crate::plan::{Body, Plan};
 use crate::planes::for_each_layer;
 use crate::png;
+use crate::pvd;
 use crate::request::{ExportChannels, ExportRequest, ExportTime};
+use crate::segments;
 use crate::store_source::store_source;
 use crate::volume::Volume;
 use crate::zarr::{self, Written};
@@ -55,22 +58,34 @@ pub fn export(
     }
     let source = part_of(store, output, request, region)?;
     let info = source.info();
+    let blocks = Blocks { edge: store.pyramid().edge(), first: region.min.to_array() };
+    let job = Job::new(&*source, blocks, request.memory_bytes, output, &progress)?;
     let volume = Volume {
         info,
         name: store.info().name.as_deref(),
         is_labels: store.info().kind == Kind::Labels,
         has_channel_axis: !matches!(request.channels, ExportChannels::One(_)),
         has_time_axis: !matches!(request.time, ExportTime::Step(_)),
+        segments: &[],
         ngff: request.ngff.unwrap_or_default(),
         output,
     };
+    let segments = match format {
+        Format::SegNrrd => {
+            nrrd::check_segments(&volume)?;
+            Target::of(format, output).check(request.overwrite)?;
+            segments::survey(&job, store.label_colors())?
+        }
+        _ => Vec::new(),
+    };
+    let volume = Volume { segments: &segments, ..volume };
     let plan = format.plan(&volume)?;
     let exported =
         Exported { extent: info.extent, channels: info.channels, times: info.times, notes: plan.notes.clone() };
-    let blocks = Blocks { edge: store.pyramid().edge(), first: region.min.to_array() };
-    let job = Job::new(&*source, blocks, request.memory_bytes, output, &progress)?;
     match &plan.body {
-        Body::Flat(layout) => write_file(&job, format, &plan, request, |file| flat::write(&job, layout, file))?,
+        Body::Flat(layout) => {
+            write_file(&job, format, &plan, request, |file| flat::write(&job, layout, 0..info.times, file))?
+        }
         Body::Gzip(head) => write_file(&job, format, &plan, request, |file| write_gzip(&job, head, file))?,
         Body::Pictures => {
             let Target { data: path, .. } = Target::of(format, output);
@@ -78,6 +93,13 @@ pub fn export(
             let folder = create_folder(&path)?;
             png::write(&job, folder.path())?;
             keep_folder(folder, &path)?;
+        }
+        Body::Series => {
+            let target = Target::of(format, output);
+            target.check(request.overwrite)?;
+            let folder = create_folder(&target.data)?;
+            pvd::write(&job, &volume, folder.path())?;
+            target.keep_series(folder, plan.text.as_deref().unwrap_or_default(), request.overwrite)?;
         }
         &Body::Zarr(version) => {
             let place = zarr_place(store, output, request.overwrite)?;

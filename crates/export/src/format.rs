@@ -4,7 +4,7 @@ use crate::error::ExportError;
 use crate::metaimage::data_beside;
 use crate::plan::Plan;
 use crate::volume::Volume;
-use crate::{imagej, metaimage, nifti, npy, nrrd, ome, png, raw, vti, zarr};
+use crate::{imagej, metaimage, nifti, npy, nrrd, ome, png, pvd, raw, vti, zarr};
 use std::path::Path;
 
 /// A written format.
@@ -20,12 +20,16 @@ pub enum Format {
     NiftiGz,
     /// NRRD with its voxels behind the header.
     Nrrd,
+    /// NRRD of labels, with the keys of 3D Slicer's segments.
+    SegNrrd,
     /// MetaImage with its voxels behind the header.
     MetaImage,
     /// MetaImage with its voxels in a file of their own.
     MetaHeader,
     /// VTK's image.
     Vti,
+    /// A series of VTK's images, in ParaView's collection.
+    Pvd,
     /// TIFF as ImageJ writes it.
     Tiff,
     /// TIFF with OME-XML.
@@ -38,15 +42,17 @@ pub enum Format {
 
 impl Format {
     /// Ends of names, longer ones first, with the format of each.
-    const ENDS: [(&str, Self); 15] = [
+    const ENDS: [(&str, Self); 17] = [
         (".ome.tiff", Self::OmeTiff),
         (".ome.tif", Self::OmeTiff),
         (".nii.gz", Self::NiftiGz),
         (".nii", Self::Nifti),
+        (".seg.nrrd", Self::SegNrrd),
         (".nrrd", Self::Nrrd),
         (".mha", Self::MetaImage),
         (".mhd", Self::MetaHeader),
         (".vti", Self::Vti),
+        (".pvd", Self::Pvd),
         (".tiff", Self::Tiff),
         (".tif", Self::Tiff),
         (".npy", Self::Npy),
@@ -81,9 +87,11 @@ impl Format {
             Self::Nifti => Ok(nifti::plan(volume, false)),
             Self::NiftiGz => Ok(nifti::plan(volume, true)),
             Self::Nrrd => Ok(nrrd::plan(volume)),
+            Self::SegNrrd => Ok(nrrd::plan_segments(volume)),
             Self::MetaImage => metaimage::plan(volume, None),
             Self::MetaHeader => metaimage::plan(volume, Some(&data_beside(volume.output))),
             Self::Vti => vti::plan(volume),
+            Self::Pvd => pvd::plan(volume),
             Self::Tiff => imagej::plan(volume),
             Self::OmeTiff => ome::plan(volume),
             Self::Png => png::plan(volume),
@@ -103,6 +111,10 @@ mod tests {
             ("a/b.OME.TIF", Some(Format::OmeTiff)),
             ("a.ome.tiff", Some(Format::OmeTiff)),
             ("some.tiff", Some(Format::Tiff)),
+            ("a.Seg.nrrd", Some(Format::SegNrrd)),
+            ("seg.nrrd", Some(Format::Nrrd)),
+            ("a.pvd", Some(Format::Pvd)),
+            (".seg.nrrd", None),
             ("a.b.Raw", Some(Format::Raw)),
             ("planes/", Some(Format::Png)),
             ("a.raw/", Some(Format::Png)),

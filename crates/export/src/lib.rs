@@ -26,8 +26,10 @@ mod output;
 mod plan;
 mod planes;
 mod png;
+mod pvd;
 mod raw;
 mod request;
+mod segments;
 mod store_source;
 #[cfg(test)]
 mod testing;

@@ -1,9 +1,11 @@
 //! NRRD with its voxels behind the header: the place as directions in a patient's left, back and head, or in a space without a name; axes with units
 //! of their own by spacings and places instead. Axes are x, y, z, channels, time; the last two are left out where there is one.
 
+use crate::error::ExportError;
 use crate::facts::{Fact, moment, value_unit};
 use crate::frame::{Frame, words};
 use crate::plan::{Body, Layout, Plan};
+use crate::segments::{self, Segment};
 use crate::volume::Volume;
 use brickyard_volume::units::unit_symbol;
 use brickyard_volume::{VoxelType, time_symbol};
@@ -12,8 +14,31 @@ use std::fmt::Write;
 
 pub(crate) fn plan(volume: &Volume) -> Plan {
     let info = volume.info;
+    let is_segmentation = volume.is_labels && info.channels == 1 && info.times == 1;
+    let way_on = "A name ending in .seg.nrrd keeps the labels, with their colours, for 3D Slicer.";
+    plan_with(volume, None).noted(is_segmentation.then(|| way_on.to_owned()))
+}
+
+/// Refuses a volume that is no segmentation of one layer.
+pub(crate) fn check_segments(volume: &Volume) -> Result<(), ExportError> {
+    const FORMAT: &str = "A .seg.nrrd file";
+    if !volume.is_labels {
+        let problem = "a .seg.nrrd file holds labels, and the store is an image: choose .nrrd, or edit its `kind`";
+        return Err(ExportError::unfit(volume.output, problem));
+    }
+    volume.check_one_channel(FORMAT)?;
+    volume.check_one_step(FORMAT)
+}
+
+/// Plans a file of labels, with 3D Slicer's keys for each.
+pub(crate) fn plan_segments(volume: &Volume) -> Plan {
+    plan_with(volume, Some(volume.segments))
+}
+
+fn plan_with(volume: &Volume, segments: Option<&[Segment]>) -> Plan {
+    let info = volume.info;
     let frame = Frame::of(info);
-    let header = Header::of(volume, &frame);
+    let header = Header { segments, ..Header::of(volume, &frame) };
     let mut kept = vec![Fact::Spacing, Fact::LengthUnit, Fact::Origin, Fact::Orientation];
     if header.time.is_some() {
         kept.extend([Fact::Times, Fact::TimeUnit]);
@@ -26,6 +51,9 @@ pub(crate) fn plan(volume: &Volume) -> Plan {
     }
     if header.name.is_some() {
         kept.push(Fact::Name);
+    }
+    if segments.is_some() {
+        kept.push(Fact::Labels);
     }
     let body = Body::Flat(Layout::after(header.text().into_bytes(), volume));
     Plan::new(volume, "NRRD", &kept, body).noted(frame.contradiction(info))
@@ -44,6 +72,8 @@ struct Header<'a> {
     time: Option<Time<'a>>,
     sample_unit: Option<&'a str>,
     name: Option<&'a str>,
+    /// The labels, in a file of them.
+    segments: Option<&'a [Segment]>,
 }
 
 impl<'a> Header<'a> {
@@ -57,7 +87,7 @@ impl<'a> Header<'a> {
         let sample_unit = value_unit(volume).filter(|unit| is_quotable(unit));
         // A name that would end the line, or begin another field, is left out.
         let name = volume.name.filter(|name| !name.contains(char::is_control) && name.trim() == *name);
-        Self { volume, frame, time, sample_unit, name }
+        Self { volume, frame, time, sample_unit, name, segments: None }
     }
 
     /// The moment from which times count, for which the format has no field, but keys of anyone's.
@@ -95,7 +125,8 @@ impl<'a> Header<'a> {
         }
         let (channels, times) = (info.channels.to_string(), info.times.to_string());
         line("sizes", &self.per_axis(each(&|axis| sizes[axis].to_string()), &channels, &times));
-        let kind = if has_frame { "space" } else { "domain" };
+        // Slicer's own segmentations have domains.
+        let kind = if has_frame && self.segments.is_none() { "space" } else { "domain" };
         line("kinds", &self.per_axis(each(&|_| kind.into()), "list", "time"));
         if has_frame {
             let frame = if info.orientation.is_some() { self.frame.to_left_back_head() } else { *self.frame };
@@ -115,7 +146,8 @@ impl<'a> Header<'a> {
         line("endian", "little");
         line("encoding", "raw");
         let key = self.since().map_or(String::new(), |since| format!("time_since:={since}\n"));
-        text + &key + "\n"
+        let segments = self.segments.map_or(String::new(), segments::keys);
+        text + &key + &segments + "\n"
     }
 
     /// Fields of numbers for each axis: of space where it has no directions, and of time.

@@ -30,6 +30,11 @@ impl Layout {
         let head: Head = Box::new(move |out: &mut dyn Write| out.write_all(&head));
         Self { head, start, plane_bytes, channel_bytes, step_bytes, others: Vec::new() }
     }
+
+    /// The place of a channel of a step.
+    pub(crate) fn place(&self, time: u32, channel: u32) -> u64 {
+        self.start + u64::from(time) * self.step_bytes + u64::from(channel) * self.channel_bytes
+    }
 }
 
 /// Form of the voxels.
@@ -40,6 +45,8 @@ pub(crate) enum Body {
     Gzip(Vec<u8>),
     /// A picture for each plane, in a folder.
     Pictures,
+    /// A file for each step, in a folder.
+    Series,
     /// Levels in chunks, in a folder of this version.
     Zarr(Ngff),
 }

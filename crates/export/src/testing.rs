@@ -20,6 +20,7 @@ pub(crate) fn volume(info: &SourceInfo) -> Volume<'_> {
         info,
         name: None,
         is_labels: false,
+        segments: &[],
         ngff: Ngff::default(),
         has_channel_axis,
         has_time_axis,

@@ -2,6 +2,7 @@
 
 use crate::error::ExportError;
 use crate::ngff::Ngff;
+use crate::segments::Segment;
 use brickyard_import::SourceInfo;
 use std::path::Path;
 
@@ -11,6 +12,8 @@ pub(crate) struct Volume<'a> {
     pub(crate) info: &'a SourceInfo,
     pub(crate) name: Option<&'a str>,
     pub(crate) is_labels: bool,
+    /// The labels, where the format names them.
+    pub(crate) segments: &'a [Segment],
     /// Whether arrays of free shape have an axis of channels, or of time, even of one.
     pub(crate) has_channel_axis: bool,
     pub(crate) has_time_axis: bool,

@@ -1,4 +1,4 @@
-//! VTK's image, `.vti`, of one time step: values at the points, each channel an array of its name, appended as they are. The place is the grid's
+//! VTK's image, `.vti`, of a time step: values at the points, each channel an array of its name, appended as they are. The place is the grid's
 //! origin, spacing and direction.
 
 use crate::error::ExportError;
@@ -10,15 +10,40 @@ use crate::xml::escaped;
 use brickyard_volume::VoxelType;
 use glam::DVec3;
 use std::collections::BTreeSet;
+use std::fs::File;
+use std::io::{self, Read};
+use std::path::Path;
 
 /// Bytes of an array's length, before it.
 const LENGTH_BYTES: u64 = 8;
 /// Most channels: each has a line in the header.
 const MOST_CHANNELS: u32 = 1 << 16;
+/// First lines, by which a file is known again.
+const START: &str = "<?xml version=\"1.0\"?>\n<!-- Written by brickyard -->\n";
 const END: &[u8] = b"\n  </AppendedData>\n</VTKFile>\n";
 
 pub(crate) fn plan(volume: &Volume) -> Result<Plan, ExportError> {
-    volume.check_one_step("A .vti file")?;
+    check_one_step(volume)?;
+    check(volume)?;
+    let body = Body::Flat(layout(volume, 0));
+    Ok(Plan::new(volume, "A .vti file", &kept(volume), body).noted(contradiction(volume)))
+}
+
+/// Refuses several time steps.
+fn check_one_step(volume: &Volume) -> Result<(), ExportError> {
+    match volume.info.times {
+        1 => Ok(()),
+        times => {
+            let problem = format!(
+                "A .vti file holds one time step, not {times}: choose one with `time`, or a name ending in .pvd, .nrrd, .nii, .tif or .npy"
+            );
+            Err(ExportError::unfit(volume.output, problem))
+        }
+    }
+}
+
+/// Refuses a volume that is beyond the format.
+pub(crate) fn check(volume: &Volume) -> Result<(), ExportError> {
     let info = volume.info;
     if info.channels > MOST_CHANNELS {
         let problem =
@@ -28,8 +53,34 @@ pub(crate) fn plan(volume: &Volume) -> Result<Plan, ExportError> {
     if info.extent.to_array().iter().any(|size| *size > i32::MAX as u32) {
         return Err(ExportError::unfit(volume.output, "VTK counts 2,147,483,647 points along an axis: choose .nrrd"));
     }
-    let frame = Frame::of(info);
-    let head = header(volume, &frame);
+    Ok(())
+}
+
+/// The facts of a step that its file keeps.
+pub(crate) fn kept(volume: &Volume) -> Vec<Fact> {
+    let mut kept = vec![Fact::Spacing, Fact::Orientation, Fact::StepTime, Fact::ChannelNames];
+    if volume.info.calibrated {
+        kept.push(Fact::Origin);
+    }
+    kept
+}
+
+/// A sentence on a place that is told in two ways.
+pub(crate) fn contradiction(volume: &Volume) -> Option<String> {
+    Frame::of(volume.info).contradiction(volume.info)
+}
+
+/// Whether a file is written here.
+pub(crate) fn is_of_this_program(path: &Path) -> io::Result<bool> {
+    let mut start = Vec::new();
+    File::open(path)?.take(START.len() as u64).read_to_end(&mut start)?;
+    Ok(start == START.as_bytes())
+}
+
+/// The file of a step.
+pub(crate) fn layout(volume: &Volume, step: u32) -> Layout {
+    let info = volume.info;
+    let head = header(volume, &Frame::of(info), step);
     let bytes = volume.bytes();
     let channel_bytes = bytes.saturating_add(LENGTH_BYTES);
     let first = head.len() as u64;
@@ -37,15 +88,10 @@ pub(crate) fn plan(volume: &Volume) -> Result<Plan, ExportError> {
     let end = (first + u64::from(info.channels) * channel_bytes, END.to_vec());
     let layout = Layout::after(head, volume);
     let others = lengths.chain([end]).collect();
-    let layout = Layout { start: first + LENGTH_BYTES, channel_bytes, others, ..layout };
-    let mut kept = vec![Fact::Spacing, Fact::Orientation, Fact::StepTime, Fact::ChannelNames];
-    if info.calibrated {
-        kept.push(Fact::Origin);
-    }
-    Ok(Plan::new(volume, "A .vti file", &kept, Body::Flat(layout)).noted(frame.contradiction(info)))
+    Layout { start: first + LENGTH_BYTES, channel_bytes, others, ..layout }
 }
 
-fn header(volume: &Volume, frame: &Frame) -> Vec<u8> {
+fn header(volume: &Volume, frame: &Frame, step: u32) -> Vec<u8> {
     let info = volume.info;
     let extent = info.extent.to_array().map(|size| format!("0 {}", size - 1)).join(" ");
     // Rows of a matrix whose columns are the directions.
@@ -70,11 +116,11 @@ fn header(volume: &Volume, frame: &Frame) -> Vec<u8> {
         format!(
             "    <FieldData>\n      <DataArray type=\"Float64\" Name=\"TimeValue\" NumberOfTuples=\"1\" \
              format=\"ascii\">{}</DataArray>\n    </FieldData>\n",
-            axis.at(0)
+            axis.at(step)
         )
     });
     let text = format!(
-        "<?xml version=\"1.0\"?>\n\
+        "{START}\
          <VTKFile type=\"ImageData\" version=\"1.0\" byte_order=\"LittleEndian\" header_type=\"UInt64\">\n  \
          <ImageData WholeExtent=\"{extent}\"{place}>\n{time}    \
          <Piece Extent=\"{extent}\">\n      <PointData Scalars=\"{first}\">\n{arrays}      </PointData>\n    </Piece>\n  \

@@ -3,17 +3,17 @@
 
 use super::*;
 use crate::frame::Frame;
-use crate::testing::{TestStore, bytes_of, info, value};
+use crate::testing::{Function, TestStore, bytes_of, info, value};
 use brickyard_import::{NoData, SourceInfo, open};
 use brickyard_volume::units::LengthUnit;
 use brickyard_volume::{ChannelLook, Level, Orientation, TimeAxis, VoxelType};
 use glam::{DMat3, DQuat, DVec3, EulerRot};
 
 /// A name of each format but for pictures, which keep no place.
-const NAMES: [&str; 10] =
-    ["a.raw", "a.npy", "a.nii", "a.nii.gz", "a.nrrd", "a.mha", "m.mhd", "a.vti", "a.tif", "a.ome.tif"];
+const NAMES: [&str; 11] =
+    ["a.raw", "a.npy", "a.nii", "a.nii.gz", "a.nrrd", "a.mha", "m.mhd", "a.vti", "s.pvd", "a.tif", "a.ome.tif"];
 /// Names of formats with axes of time by their own word.
-const WITH_TIME: [&str; 8] = ["a.raw", "a.nii", "a.nii.gz", "a.nrrd", "a.mha", "m.mhd", "a.tif", "a.ome.tif"];
+const WITH_TIME: [&str; 9] = ["a.raw", "a.nii", "a.nii.gz", "a.nrrd", "a.mha", "m.mhd", "s.pvd", "a.tif", "a.ome.tif"];
 
 const REGION: VoxelBox = VoxelBox::new([3, 8, 2], [36, 17, 19]);
 
@@ -172,10 +172,10 @@ fn volumes_without_a_patient_lie_where_they_did() {
         volume.geometry.unit = unit.map(str::to_owned);
         let test = TestStore::of(volume);
         let expected = described(&test, &ExportRequest::default());
-        for name in ["a.raw", "a.nii", "a.nrrd", "a.mha", "a.vti"] {
+        for name in ["a.raw", "a.nii", "a.nrrd", "a.mha", "a.vti", "s.pvd"] {
             let (source, notes) = back(&test, name, ExportRequest::default());
             let mut found = source.info().clone();
-            if name == "a.vti" {
+            if ["a.vti", "s.pvd"].contains(&name) {
                 found.geometry.unit = expected.geometry.unit.clone();
             }
             assert_place(&found, &expected, name);
@@ -243,16 +243,16 @@ fn times_are_kept_or_told() {
         unit: unit.map(str::to_owned),
         ..TimeAxis::default()
     };
-    const OF_EVEN_TIMES: [&str; 7] = ["a.npy", "a.nii", "a.nii.gz", "a.nrrd", "a.mha", "m.mhd", "a.tif"];
+    const OF_EVEN_TIMES: [&str; 8] = ["a.npy", "a.nii", "a.nii.gz", "a.nrrd", "a.mha", "m.mhd", "s.pvd", "a.tif"];
     let uneven = TimeAxis::of_stamps(vec![1.0, 2.0, 4.0], Some("second".into())).unwrap();
     let late = |start| TimeAxis { since: Some("1900-01-01 06:00 (noleap)".into()), ..axis(start, Some("hour")) };
     for (time, lost) in [
-        (axis(0.0, Some("second")), &["a.npy", "a.mha", "m.mhd"][..]),
-        (axis(2.0, Some("millisecond")), &["a.npy", "a.mha", "m.mhd", "a.tif"]),
-        (axis(0.0, Some("hour")), &["a.npy", "a.mha", "m.mhd"]),
+        (axis(0.0, Some("second")), &["a.npy", "a.mha", "m.mhd", "s.pvd"][..]),
+        (axis(2.0, Some("millisecond")), &["a.npy", "a.mha", "m.mhd", "s.pvd", "a.tif"]),
+        (axis(0.0, Some("hour")), &["a.npy", "a.mha", "m.mhd", "s.pvd"]),
         (axis(0.0, None), &["a.npy", "a.tif", "a.ome.tif"]),
-        (late(0.0), &["a.npy", "a.nii", "a.nii.gz", "a.mha", "m.mhd"]),
-        (late(7.0), &["a.npy", "a.nii", "a.nii.gz", "a.mha", "m.mhd", "a.tif"]),
+        (late(0.0), &["a.npy", "a.nii", "a.nii.gz", "a.mha", "m.mhd", "s.pvd"]),
+        (late(7.0), &["a.npy", "a.nii", "a.nii.gz", "a.mha", "m.mhd", "s.pvd", "a.tif"]),
         (TimeAxis { since: late(0.0).since, ..uneven.clone() }, &OF_EVEN_TIMES),
         (uneven, &OF_EVEN_TIMES),
     ] {
@@ -348,6 +348,85 @@ fn no_data_and_labels_are_kept_or_told() {
         let is_kept = open(&[test.folder.path().join(name)], &OpenOptions::default()).unwrap().info().kind.are_labels();
         assert_eq!(is_kept, ["a.raw", "a.nii", "a.nii.gz"].contains(&name), "{name}");
         assert_eq!(notes.iter().any(|note| note.contains("being labels")), !is_kept, "{name}: {notes:?}");
+    }
+}
+
+/// The labels in a box, with their boxes in it, as 3D Slicer reads them.
+#[test]
+fn labels_become_segments_and_come_back_as_labels() {
+    let nodata = Some(5.0);
+    for voxel_type in VoxelType::ALL.into_iter().filter(|of| !of.is_float()) {
+        let test = TestStore::of_kind(SourceInfo { voxel_type, nodata, ..oblique(1.0) }, Kind::Labels);
+        let request = ExportRequest { region: Some(REGION), ..ExportRequest::default() };
+        let expected = described(&test, &request);
+        let (source, notes) = back(&test, "a.seg.nrrd", request);
+        assert_voxels(&*source, REGION, "a.seg.nrrd");
+        assert_eq!((source.info().voxel_type, source.info().kind.are_labels()), (voxel_type, true));
+        assert_place(source.info(), &expected, "a.seg.nrrd");
+        assert_eq!(notes, ["NRRD cannot keep the value of no data (5): left out."]);
+        let bytes = std::fs::read(test.folder.path().join("a.seg.nrrd")).unwrap();
+        let head = String::from_utf8_lossy(&bytes[..bytes.windows(2).position(|pair| pair == b"\n\n").unwrap()]);
+        let keys = |key: &str| -> Vec<String> {
+            let lines = head.lines().filter(|line| line.starts_with("Segment"));
+            let values = lines.filter_map(|line| line.split_once(":=")).filter(|(name, _)| name.ends_with(key));
+            values.map(|(_, value)| value.to_owned()).collect()
+        };
+        let labels: Vec<u32> = (1..120).filter(|label| *label != 5).collect();
+        assert_eq!(keys("_LabelValue"), labels.iter().map(u32::to_string).collect::<Vec<_>>());
+        let places = |label: u32| REGION.voxels().filter(move |at| value(0, 0, *at) == f64::from(label));
+        let extents = labels.iter().map(|label| {
+            let of = |axis: usize| {
+                let along = || places(*label).map(move |at| at[axis] - REGION.min.to_array()[axis]);
+                format!("{} {}", along().min().unwrap(), along().max().unwrap())
+            };
+            [0, 1, 2].map(of).join(" ")
+        });
+        assert_eq!(keys("_Extent"), extents.collect::<Vec<_>>());
+        assert!(head.contains("kinds: domain domain domain"), "{head}");
+    }
+    let (_, notes) = back(&TestStore::of_kind(info(), Kind::Labels), "a.nrrd", ExportRequest::default());
+    assert!(notes[1].contains("ending in .seg.nrrd keeps the labels"), "{notes:?}");
+    let refused = |info: SourceInfo, value: fn(u32, u32, [u32; 3]) -> f64| {
+        let test = TestStore::of_source(Function { info, value }, Kind::Labels);
+        let output = test.folder.path().join("a.seg.nrrd");
+        let error = export(&test.store, &output, &all(&test.store), |_, _| ControlFlow::Continue(())).unwrap_err();
+        assert_eq!(std::fs::read_dir(test.folder.path()).unwrap().count(), 1);
+        error.to_string()
+    };
+    let many = SourceInfo { extent: Extent::new(300, 300, 1), voxel_type: VoxelType::U32, ..info() };
+    assert!(refused(SourceInfo { channels: 2, ..info() }, value).contains("one channel, not 2"));
+    assert!(refused(SourceInfo { times: 2, ..info() }, value).contains("one time step, not 2"));
+    assert!(refused(many.clone(), |_, _, [x, y, _]| f64::from(x + 300 * y)).contains("more than 65536 labels"));
+    assert!(refused(many, |_, _, [x, ..]| if x == 9 { 3e9 } else { 0.0 }).contains("one is 3000000000: choose .nii"));
+    // Nothing but background is a segmentation, too.
+    let test = TestStore::of_source(Function { info: info(), value: |_, _, _| 0.0 }, Kind::Labels);
+    assert!(back(&test, "a.seg.nrrd", ExportRequest::default()).0.info().kind.are_labels());
+}
+
+/// Each step of a collection is a file by itself, with its time.
+#[test]
+fn a_series_of_steps_is_a_collection() {
+    let stamps = vec![-1.0, 0.5, 7.25];
+    let time = TimeAxis::of_stamps(stamps.clone(), None).unwrap();
+    let test = TestStore::of(SourceInfo { times: 4, time: None, channels: 2, ..placed() });
+    let (source, notes) = back(&test, "n.pvd", all(&test.store));
+    assert!(notes.iter().any(|note| note.contains("numbered from 0")), "{notes:?}");
+    assert_eq!(source.info().time, Some(TimeAxis::default()));
+    let test = TestStore::of(SourceInfo { times: 3, time: Some(time.clone()), channels: 2, ..placed() });
+    let (source, _) = back(&test, "s.pvd", all(&test.store));
+    assert_eq!(source.info().time, Some(time));
+    for (step, time) in (0..).zip(stamps) {
+        let path = test.folder.path().join(format!("s/s_000{step}.vti"));
+        let text = std::fs::read(&path).unwrap();
+        let text = String::from_utf8_lossy(&text[..2000]);
+        assert!(text.contains(&format!(">{time}</DataArray>")), "{text}");
+        let source =
+            open(&[path], &OpenOptions { variable: Some("channel 1".into()), ..OpenOptions::default() }).unwrap();
+        let whole = source.info().extent.full_box();
+        let mut found = vec![0; whole.extent().volume() as usize * 2];
+        source.read_box(0, 0, whole, &mut found).unwrap();
+        let expected: Vec<u8> = whole.voxels().flat_map(|at| bytes_of(VoxelType::U16, value(step, 1, at))).collect();
+        assert!(found == expected, "step {step}");
     }
 }
 

@@ -9,12 +9,30 @@ use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// A name of each format.
-const NAMES: [&str; 12] =
-    ["a.raw", "a.npy", "a.nii", "a.nii.gz", "a.nrrd", "a.mha", "m.mhd", "a.vti", "a.tif", "a.ome.tif", "a/", "a.zarr"];
+const NAMES: [&str; 13] = [
+    "a.raw",
+    "a.npy",
+    "a.nii",
+    "a.nii.gz",
+    "a.nrrd",
+    "a.mha",
+    "m.mhd",
+    "a.vti",
+    "s.pvd",
+    "a.tif",
+    "a.ome.tif",
+    "a/",
+    "a.zarr",
+];
 
 /// Whether a name is a folder's.
 fn is_folder(name: &str) -> bool {
     Format::of(Path::new(name)).unwrap().is_folder()
+}
+
+fn remove(path: &Path) {
+    let removed = if path.is_dir() { std::fs::remove_dir_all(path) } else { std::fs::remove_file(path) };
+    removed.unwrap();
 }
 
 fn go_on(_: u64, _: u64) -> ControlFlow<()> {
@@ -45,7 +63,9 @@ fn a_cancelled_export_leaves_what_was_there() {
         let output = out.path().join(name);
         for is_there in [false, true] {
             // A folder is never replaced.
-            if is_there && !is_folder(name) {
+            if is_there && name == "s.pvd" {
+                export(&test.store, &output, &ExportRequest::default(), go_on).unwrap();
+            } else if is_there && !is_folder(name) {
                 crate::paths_of(&output).unwrap().iter().for_each(|path| std::fs::write(path, "mine").unwrap());
             }
             let before = files(out.path());
@@ -68,7 +88,7 @@ fn a_cancelled_export_leaves_what_was_there() {
 fn a_store_that_is_replaced_meanwhile_is_not_exported() {
     let long = SourceInfo { extent: Extent::new(8 * 40, 8, 8 * 8), ..info() };
     // One of each way of writing.
-    for name in ["a.raw", "a.nii.gz", "a/", "a.zarr"] {
+    for name in ["a.raw", "a.nii.gz", "a/", "s.pvd", "a.zarr"] {
         let test = TestStore::of(long.clone());
         let out = tempfile::tempdir().unwrap();
         let is_first = AtomicBool::new(true);
@@ -154,17 +174,20 @@ fn what_is_in_the_way_is_refused_and_stays() {
             let found = overwriting(false).unwrap_err();
             assert!(found.contains("exists already") && found.contains("`overwrite`"), "{name}: {found}");
             assert_eq!(files(out.path()), before);
-            if !is_folder(name) {
+            if !is_folder(name) && path.extension().is_some() {
                 overwriting(true).unwrap();
-                crate::paths_of(&output).unwrap().iter().for_each(|path| std::fs::remove_file(path).unwrap());
+                crate::paths_of(&output).unwrap().iter().for_each(|path| remove(path));
             } else {
                 std::fs::remove_file(&path).unwrap();
             }
             std::fs::create_dir(&path).unwrap();
             assert!(overwriting(false).unwrap_err().contains("exists already"));
-            let found = overwriting(true).unwrap_err();
-            assert!(found.contains("never replaced"), "{name}: {found}");
-            assert_eq!(files(out.path()), [(path.components().collect(), Vec::new())]);
+            // An empty folder of a series is no one's.
+            if !(name == "s.pvd" && path.extension().is_none()) {
+                let found = overwriting(true).unwrap_err();
+                assert!(found.contains("never replaced"), "{name}: {found}");
+                assert_eq!(files(out.path()), [(path.components().collect(), Vec::new())]);
+            }
             std::fs::remove_dir(&path).unwrap();
             std::os::unix::fs::symlink("nowhere", &path).unwrap();
             assert!(overwriting(false).unwrap_err().contains("exists already"), "{name}");
@@ -178,6 +201,80 @@ fn what_is_in_the_way_is_refused_and_stays() {
     std::fs::write(out.path().join("a.raw.json"), "{}").unwrap();
     let error = export(&test.store, &out.path().join("a.mhd"), &ExportRequest::default(), go_on).unwrap_err();
     assert!(error.to_string().contains("describes other voxels"), "{error}");
+}
+
+/// A series replaces a longer one whole, and never a folder with anything else.
+#[test]
+fn a_series_is_replaced_with_its_folder() {
+    let out = tempfile::tempdir().unwrap();
+    let output = out.path().join("s.pvd");
+    let request = |end| ExportRequest {
+        time: ExportTime::Steps { first: 0, end, stride: 1 },
+        overwrite: true,
+        ..ExportRequest::default()
+    };
+    let test = TestStore::of(SourceInfo { times: 3, ..info() });
+    let names = || files(out.path()).into_iter().map(|(path, _)| path).collect::<Vec<PathBuf>>();
+    let expected = |count: usize| {
+        let steps = (0..count).map(|step| format!("s/s_000{step}.vti"));
+        let all = ["s".to_owned()].into_iter().chain(steps).chain(["s.pvd".to_owned()]);
+        all.map(|name| out.path().join(name)).collect::<Vec<PathBuf>>()
+    };
+    for end in [3, 2] {
+        export(&test.store, &output, &request(end), go_on).unwrap();
+        assert_eq!(names(), expected(end as usize));
+    }
+    for foreign in ["s/notes.txt", "s/s_0000.vtu", "s/t_0000.vti", "s/s_0007.vti"] {
+        std::fs::write(out.path().join(foreign), "mine").unwrap();
+        let before = files(out.path());
+        let error = export(&test.store, &output, &request(3), go_on).unwrap_err().to_string();
+        assert!(error.contains(foreign) && error.contains("never replaced"), "{error}");
+        assert!(files(out.path()) == before);
+        std::fs::remove_file(out.path().join(foreign)).unwrap();
+    }
+    // Others' file that comes during the export.
+    let late = |_, _| {
+        std::fs::write(out.path().join("s/late"), "mine").unwrap();
+        ControlFlow::Continue(())
+    };
+    let error = export(&test.store, &output, &request(3), late).unwrap_err().to_string();
+    assert!(error.contains("s/late"), "{error}");
+    std::fs::remove_file(out.path().join("s/late")).unwrap();
+    assert_eq!(names(), expected(2));
+}
+
+/// After a kill, the next export of the name takes away what was left, but for others' files.
+#[test]
+fn the_next_export_takes_left_overs_away() {
+    let test = TestStore::of(SourceInfo { times: 2, ..info() });
+    for name in NAMES {
+        let out = tempfile::tempdir().unwrap();
+        let output = out.path().join(name);
+        let request = ExportRequest { overwrite: true, ..ExportRequest::default() };
+        let left = Target::of(Format::of(&output).unwrap(), &output).data;
+        match is_folder(name) || name == "s.pvd" {
+            true => {
+                let folder = create_folder(&left).unwrap().keep();
+                for file in ["0000.png", "s_0000.vti", "packed/zarr.json", "packed/0/c/0/0/0.tmp", "chunks/0/0/1"] {
+                    let file = folder.join(file);
+                    std::fs::create_dir_all(file.parent().unwrap()).unwrap();
+                    std::fs::write(file, "half").unwrap();
+                }
+            }
+            false => drop(Target::of(Format::of(&output).unwrap(), &output).create().unwrap().keep().unwrap()),
+        }
+        assert_eq!(std::fs::read_dir(out.path()).unwrap().count(), 1, "{name}");
+        export(&test.store, &output, &request, go_on).unwrap();
+        let found: Vec<PathBuf> = std::fs::read_dir(out.path()).unwrap().map(|entry| entry.unwrap().path()).collect();
+        assert!(!found.iter().any(|path| path.to_string_lossy().contains(".brickyard-")), "{name}: {found:?}");
+    }
+    let out = tempfile::tempdir().unwrap();
+    let output = out.path().join("a.zarr");
+    let folder = create_folder(&output).unwrap().keep();
+    std::fs::create_dir(folder.join("packed")).unwrap();
+    std::fs::write(folder.join("packed/notes.txt"), "mine").unwrap();
+    export(&test.store, &output, &ExportRequest::default(), go_on).unwrap();
+    assert_eq!(std::fs::read(folder.join("packed/notes.txt")).unwrap(), b"mine");
 }
 
 #[test]
@@ -229,7 +326,10 @@ fn what_a_format_cannot_hold_is_refused_with_formats_that_can() {
         (of(VoxelType::U8, 2, 1), "a.mha", "MetaImage holds one channel"),
         (of(VoxelType::U8, 2, 1), "a.mhd", "MetaImage holds one channel"),
         (of(VoxelType::U8, 2, 2), "a.vti", "one time step, not 2"),
+        (of(VoxelType::U8, 2, 2), "a.vti", ".pvd"),
         (of(VoxelType::U8, 1, 1), "a b.mhd", "without blanks"),
+        (of(VoxelType::U8, 1, 1), "a\\b.pvd", "choose one of letters"),
+        (of(VoxelType::U8, 1, 1), "a.seg.nrrd", "the store is an image: choose .nrrd"),
     ] {
         let out = tempfile::tempdir().unwrap();
         let error = export(&test.store, &out.path().join(name), &request(&test.store), go_on).unwrap_err();

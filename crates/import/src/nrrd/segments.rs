@@ -56,7 +56,9 @@ impl Segments {
 
     /// Whether the voxels are labels: fractions of segments and closed surfaces are none.
     fn are_labels(&self) -> bool {
-        !self.by_number.is_empty() && self.representation.as_deref().is_none_or(|of| of == "binary labelmap")
+        // All may be background.
+        let is_told = |of: &str| of == "binary labelmap";
+        self.representation.as_deref().map_or(!self.by_number.is_empty(), is_told)
     }
 
     /// Numbers and names of labels, with their channels where there are several.
@@ -72,7 +74,7 @@ impl Segments {
             list.push(format!("and {} more", self.by_number.len() - MOST_NAMED));
         }
         let list = list.join(", ");
-        self.are_labels().then(|| {
+        (self.are_labels() && !list.is_empty()).then(|| {
             Note::new(format!("Voxels are labels, the numbers of segments, which the store does not name: {list}."))
         })
     }
@@ -98,6 +100,9 @@ mod tests {
         let said = |channels: u32| segments.note(channels).map(|note| note.to_string()).unwrap_or_default();
         assert!(said(1).ends_with(": 3 liver, 1 spleen."), "{}", said(1));
         assert!(said(2).ends_with(": 3 liver in channel 0, 1 spleen in channel 1."), "{}", said(2));
+        let mut none = Segments::default();
+        none.add("Segmentation_SourceRepresentation", "Binary labelmap");
+        assert_eq!((none.are_labels(), none.note(1)), (true, None));
         segments.add("Segmentation_MasterRepresentation", "Fractional labelmap");
         assert_eq!((segments.are_labels(), segments.note(1)), (false, None));
         assert_eq!(Segments::default().note(1), None);
