@@ -22,7 +22,8 @@ pub(crate) fn plan(volume: &Volume, data: Option<&Path>) -> Result<Plan, ExportE
     volume.check_one_channel("MetaImage")?;
     let info = volume.info;
     let (unit, to_unit) = unit_of(volume);
-    let frame = Frame::of(info).scaled(to_unit);
+    let own = Frame::of(info);
+    let frame = own.scaled(to_unit);
     let text = match data {
         None => header(volume, &frame, unit, "LOCAL"),
         Some(data) => header(volume, &frame, unit, name_of(volume, data)?),
@@ -37,7 +38,10 @@ pub(crate) fn plan(volume: &Volume, data: Option<&Path>) -> Result<Plan, ExportE
     if is_even(volume) {
         kept.push(Fact::Times);
     }
-    let mut notes: Vec<String> = frame.contradiction(info).into_iter().collect();
+    let mut notes: Vec<String> = own.contradiction(info).into_iter().collect();
+    if is_even(volume) && !volume.is_placed() {
+        notes.push("MetaImage has no spacing of times without that of voxels, which is unknown: 1 is written.".into());
+    }
     if info.calibrated && info.orientation.is_none() {
         notes.push("MetaImage places every volume in a patient: x, y, z are written as right, front, head.".into());
     }
@@ -95,7 +99,7 @@ fn header(volume: &Volume, frame: &Frame, unit: Option<&str>, data: &str) -> Vec
     line("BinaryData", "True");
     line("BinaryDataByteOrderMSB", "False");
     line("CompressedData", "False");
-    if info.calibrated || info.orientation.is_some() {
+    if volume.is_placed() {
         let frame = frame.to_left_back_head();
         let mut matrix: Vec<String> = frame.directions().map(|axis| with_time(axis.to_array(), 0.0)).into();
         if has_time {

@@ -15,6 +15,8 @@ const INTENT_LABEL: i32 = 1002;
 /// Codes of a place in the scanner, and of one by other means.
 const SCANNER: i32 = 1;
 const ALIGNED: i32 = 2;
+/// Code of an unknown unit of length.
+const NO_UNIT: u8 = 0;
 /// Bytes of the text of description, with a zero at its end.
 const LONGEST_NAME: usize = 80;
 /// The longest axis of NIfTI-1.
@@ -23,9 +25,9 @@ const LONGEST: u32 = i16::MAX as u32;
 pub(crate) fn plan(volume: &Volume, is_compressed: bool) -> Plan {
     let info = volume.info;
     let (unit, to_unit) = unit_of(volume);
-    let frame = Frame::of(info).scaled(to_unit);
+    let frame = Frame::of(info);
     let time = times_of(volume);
-    let header = Header { volume, frame, unit, time: time.as_ref() };
+    let header = Header { volume, frame: frame.scaled(to_unit), unit, time: time.as_ref() };
     let sizes = [info.extent.x, info.extent.y, info.extent.z, info.times, info.channels];
     let is_two = sizes.iter().any(|size| *size > LONGEST) || !header.fits_f32();
     let bytes = if is_two { header.two() } else { header.one() };
@@ -43,7 +45,7 @@ pub(crate) fn plan(volume: &Volume, is_compressed: bool) -> Plan {
     if info.calibrated {
         kept.push(Fact::Origin);
     }
-    if info.geometry.axis_units.is_none() {
+    if unit != NO_UNIT {
         kept.push(Fact::LengthUnit);
     }
     if time.is_some() {
@@ -65,10 +67,10 @@ fn by_channels(head: Vec<u8>, volume: &Volume) -> Layout {
     Layout { step_bytes: bytes, channel_bytes: bytes.saturating_mul(times), ..Layout::after(head, volume) }
 }
 
-/// The code of the file's unit of length, and the conversion to it.
+/// The code of the file's unit of length, and the conversion to it. An unknown spacing, which is written as 1, is no millimetre.
 fn unit_of(volume: &Volume) -> (u8, Box<dyn Fn(f64) -> f64>) {
     let same: Box<dyn Fn(f64) -> f64> = Box::new(|length| length);
-    let Some(own) = length_unit(volume.info) else { return (0, same) };
+    let Some(own) = length_unit(volume.info).filter(|_| volume.is_placed()) else { return (NO_UNIT, same) };
     match own.name {
         "meter" => (1, same),
         "millimeter" => (2, same),

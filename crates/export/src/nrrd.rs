@@ -38,8 +38,11 @@ pub(crate) fn plan_segments(volume: &Volume) -> Plan {
 fn plan_with(volume: &Volume, segments: Option<&[Segment]>) -> Plan {
     let info = volume.info;
     let frame = Frame::of(info);
-    let header = Header { segments, ..Header::of(volume, &frame) };
-    let mut kept = vec![Fact::Spacing, Fact::LengthUnit, Fact::Origin, Fact::Orientation];
+    let header = Header::of(volume, &frame);
+    let mut kept = vec![Fact::Spacing, Fact::LengthUnit, Fact::Orientation];
+    if volume.is_placed() {
+        kept.push(Fact::Origin);
+    }
     if header.time.is_some() {
         kept.extend([Fact::Times, Fact::TimeUnit]);
     }
@@ -100,6 +103,11 @@ impl<'a> Header<'a> {
         self.volume.info.geometry.axis_units.is_some()
     }
 
+    /// Whether the place is given by directions and the first voxel's centre.
+    fn has_frame(&self) -> bool {
+        self.volume.is_placed() && !self.is_by_axes()
+    }
+
     /// A word for each axis: three of space, then those of channels and of time, where there is more than one.
     fn per_axis(&self, space: [String; 3], channels: &str, time: &str) -> String {
         let info = self.volume.info;
@@ -114,7 +122,7 @@ impl<'a> Header<'a> {
         let mut line = |field: &str, value: &str| writeln!(text, "{field}: {value}").expect("a string takes all");
         let each = |value: &dyn Fn(usize) -> String| [0, 1, 2].map(value);
         let sizes = info.extent.to_array();
-        let has_frame = (info.calibrated || info.orientation.is_some()) && !self.is_by_axes();
+        let has_frame = self.has_frame();
         line("type", type_of(info.voxel_type));
         let outer = u32::from(info.channels > 1) + u32::from(info.times > 1);
         line("dimension", &(3 + outer).to_string());
@@ -162,12 +170,14 @@ impl<'a> Header<'a> {
         let of_time =
             |value: &dyn Fn(&Time) -> f64| self.time.as_ref().map_or("nan".into(), |time| value(time).to_string());
         let (spacing, origin) = (info.geometry.spacing, info.geometry.origin);
-        let spacings = each(&|axis| spacing[axis].to_string(), "nan");
+        // A place means nothing without the distances from there.
+        let known = |length: f64| if info.calibrated { length.to_string() } else { "nan".into() };
+        let spacings = each(&|axis| known(spacing[axis]), "nan");
         line("spacings", &self.per_axis(spacings, "nan", &of_time(&|time| time.step)));
         // Samples at nodes: the least place is the first one's centre.
         let time = if self.time.is_some() { "node" } else { "???" };
         line("centerings", &self.per_axis(each(&|_| "node".into(), "???"), "???", time));
-        let origins = each(&|axis| origin[axis].to_string(), "nan");
+        let origins = each(&|axis| known(origin[axis]), "nan");
         line("axis mins", &self.per_axis(origins, "nan", &of_time(&|time| time.start)));
         let quoted = |unit: &str| format!("\"{unit}\"");
         let units =

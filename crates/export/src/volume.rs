@@ -24,6 +24,11 @@ pub(crate) struct Volume<'a> {
 }
 
 impl Volume<'_> {
+    /// Whether the spacing is known, or the matrix in a patient.
+    pub(crate) fn is_placed(&self) -> bool {
+        self.info.calibrated || self.info.orientation.is_some()
+    }
+
     /// Bytes of the voxels of one channel and step.
     pub(crate) fn bytes(&self) -> u64 {
         self.plane_bytes().saturating_mul(self.info.extent.z.into())

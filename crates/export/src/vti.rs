@@ -101,9 +101,11 @@ fn header(volume: &Volume, frame: &Frame, step: u32) -> Vec<u8> {
     let direction = if is_upright { String::new() } else { format!(" Direction=\"{direction}\"") };
     let (origin, spacing) = (words(frame.first.to_array()), words(frame.spacing.to_array()));
     // Readers take 1 where none is given.
-    let is_placed = info.calibrated || info.orientation.is_some();
-    let place =
-        if is_placed { format!(" Origin=\"{origin}\" Spacing=\"{spacing}\"{direction}") } else { String::new() };
+    let place = if volume.is_placed() {
+        format!(" Origin=\"{origin}\" Spacing=\"{spacing}\"{direction}")
+    } else {
+        String::new()
+    };
     let names = names(volume);
     let kind = type_of(info.voxel_type);
     let bytes = volume.bytes().saturating_add(LENGTH_BYTES);

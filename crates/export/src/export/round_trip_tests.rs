@@ -218,6 +218,57 @@ fn unknown_spacings_stay_unknown() {
     }
 }
 
+/// A unit and an origin without a spacing: neither becomes a place in millimetres, nor is it lost in silence.
+#[test]
+fn an_unknown_spacing_has_no_unit_and_its_origin_is_told() {
+    let mut volume = placed();
+    volume.calibrated = false;
+    volume.geometry.spacing = DVec3::ONE;
+    let test = TestStore::of(volume.clone());
+    for name in NAMES {
+        let (source, notes) = back(&test, name, ExportRequest::default());
+        let found = source.info();
+        if name == "a.raw" {
+            assert_eq!(found.geometry, volume.geometry);
+            continue;
+        }
+        assert_eq!((found.geometry.unit.as_deref(), found.orientation), (None, None), "{name}");
+        assert!(notes.iter().any(|note| note.contains("the origin")), "{name}: {notes:?}");
+    }
+    volume.geometry.axis_units = Some(["degree", "degree", "hPa"].map(str::to_owned));
+    volume.geometry.unit = None;
+    let (source, notes) = back(&TestStore::of(volume.clone()), "a.nrrd", ExportRequest::default());
+    let found = source.info();
+    assert_eq!((found.calibrated, &found.geometry.axis_units), (false, &volume.geometry.axis_units));
+    assert!(notes[0].contains("the origin"), "{notes:?}");
+}
+
+/// MetaImage's times need a spacing of voxels beside them.
+#[test]
+fn times_of_an_unknown_spacing_bring_one_with_a_note() {
+    let time = Some(TimeAxis { step: 0.5, start: 2.0, ..TimeAxis::default() });
+    let test = TestStore::of(SourceInfo { times: 3, time, ..info() });
+    for name in ["a.mha", "m.mhd"] {
+        let (source, notes) = back(&test, name, all(&test.store));
+        assert!(source.info().calibrated && notes[0].contains("which is unknown: 1 is written"), "{notes:?}");
+    }
+}
+
+/// Converted lengths contradict nothing.
+#[test]
+fn units_that_a_format_lacks_are_converted_without_a_contradiction() {
+    for mut volume in [placed(), oblique(1.0)] {
+        volume.geometry.unit = Some("inch".into());
+        let test = TestStore::of(volume);
+        for name in ["a.nii", "a.nii.gz", "a.mha", "m.mhd"] {
+            let (source, notes) = back(&test, name, ExportRequest::default());
+            assert_eq!(source.info().geometry.unit.as_deref(), Some("millimeter"), "{name}");
+            assert_place(source.info(), &described(&test, &ExportRequest::default()), name);
+            assert!(!notes.iter().any(|note| note.contains("contradicts")), "{name}: {notes:?}");
+        }
+    }
+}
+
 #[test]
 fn units_of_axes_are_kept_or_told() {
     let mut volume = placed();
