@@ -6,11 +6,14 @@ use crate::frame::{Frame, length_unit};
 use crate::plan::{Body, Plan};
 use crate::tiff::{Arranged, Field, Tags, arrange, fraction, nodata_field};
 use crate::volume::Volume;
-use brickyard_volume::{VoxelType, channel, time_symbol};
+use brickyard_volume::{ChannelLook, VoxelType, channel, time_symbol};
 use std::fmt::Write;
 
 /// Most channels shown at once by ImageJ.
 const MOST_COMPOSED: u32 = 7;
+/// Added by ImageJ to signed 16-bit numbers, which it holds as unsigned ones.
+const SIGNED_OFFSET: f64 = 32768.0;
+const BIG: &str = "The file is BigTIFF, past 4 GiB: ImageJ itself does not open it; Bio-Formats in Fiji does, but takes every length for µm: .ome.tif keeps the unit there.";
 /// ImageJ's private tags: lengths of the head and each block of the second, which has the head and the blocks.
 const BYTE_COUNTS: u16 = 50838;
 const METADATA: u16 = 50839;
@@ -18,8 +21,7 @@ const METADATA: u16 = 50839;
 pub(crate) fn plan(volume: &Volume) -> Result<Plan, ExportError> {
     let Described { tags, kept, notes } = describe(volume);
     let Arranged { layout, is_big } = arrange(volume, tags)?;
-    let big = "The file is BigTIFF, past 4 GiB: ImageJ itself does not open it, Fiji does by Bio-Formats.";
-    let notes = notes.into_iter().chain(is_big.then(|| big.to_owned()));
+    let notes = notes.into_iter().chain(is_big.then(|| BIG.to_owned()));
     Ok(Plan::new(volume, "ImageJ's TIFF", &kept, Body::Flat(layout)).noted(notes))
 }
 
@@ -80,12 +82,13 @@ fn describe(volume: &Volume) -> Described {
     if let Some(unit) = value_unit(volume) {
         // ImageJ stores signed numbers with an offset.
         line("cf", "0");
-        line("c0", if info.voxel_type == VoxelType::I16 { "-32768" } else { "0" });
+        line("c0", &(if info.voxel_type == VoxelType::I16 { -SIGNED_OFFSET } else { 0.0 }).to_string());
         line("c1", "1");
         line("vunit", unit);
         kept.push(Fact::ValueUnit);
     }
-    let windows: Vec<[f64; 2]> = info.channel_looks.iter().filter_map(|look| look.window).collect();
+    let shown = |look: &ChannelLook| look.window.and_then(|window| display_range(window, info.voxel_type));
+    let windows: Vec<[f64; 2]> = info.channel_looks.iter().filter_map(shown).collect();
     if let ([[low, high]], 1) = (&windows[..], c) {
         line("min", &low.to_string());
         line("max", &high.to_string());
@@ -101,12 +104,31 @@ fn describe(volume: &Volume) -> Described {
     first.extend(metadata(volume, &windows, has_colors));
     kept.extend(has_colors.then_some(Fact::ChannelColors));
     notes.extend(frame.contradiction(info));
-    if info.voxel_type == VoxelType::I8 {
-        notes.push(
-            "ImageJ shows signed bytes as unsigned ones: the file's own type is right for other programs.".into(),
-        );
-    }
+    notes.extend(misread(info.voxel_type).map(str::to_owned));
     Described { tags: Tags { resolution, description: text, first }, kept, notes }
+}
+
+/// A window as ImageJ counts it: of signed 16-bit numbers with its offset. `None` of signed bytes, which it shows as unsigned.
+fn display_range(window: [f64; 2], voxel_type: VoxelType) -> Option<[f64; 2]> {
+    match voxel_type {
+        VoxelType::I8 => None,
+        VoxelType::I16 => Some(window.map(|end| end + SIGNED_OFFSET)),
+        _ => Some(window),
+    }
+}
+
+/// A sentence on values that ImageJ itself shows otherwise than the file has them.
+fn misread(voxel_type: VoxelType) -> Option<&'static str> {
+    match voxel_type {
+        VoxelType::I8 => {
+            Some("ImageJ shows signed bytes as unsigned ones: the file's own type is right for other programs.")
+        }
+        VoxelType::I32 => Some("ImageJ rounds whole numbers past 16,777,216 to 24 bits; other programs read all."),
+        VoxelType::U32 => Some(
+            "ImageJ rounds whole numbers past 16,777,216 to 24 bits, and takes those from 2,147,483,648 on for negative ones; other programs read all.",
+        ),
+        _ => None,
+    }
 }
 
 /// Look-up tables and display ranges, as two fields; none if there is neither.

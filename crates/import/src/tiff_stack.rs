@@ -112,7 +112,7 @@ impl TiffStack {
             identity: identity(&format!("tiff {}", map.kind()), &paths)?,
             ..SourceInfo::plain(sizes, decode.voxel_type())
         };
-        description.place(&mut info);
+        description.place(&mut info, format.element, scale);
         // A composite has a look for each channel.
         let are_told = !info.channel_looks.is_empty() && info.channel_looks.iter().all(|look| look.window.is_some());
         if format.is_rgb && !are_told {

@@ -269,6 +269,30 @@ fn units_that_a_format_lacks_are_converted_without_a_contradiction() {
     }
 }
 
+/// ImageJ adds 32768 to signed numbers of 16 bits, and to the ends of their display range.
+#[test]
+fn windows_are_display_ranges_as_imagej_counts_them() {
+    for (voxel_type, channels) in [(VoxelType::I16, 1), (VoxelType::I16, 2), (VoxelType::U16, 1), (VoxelType::I8, 1)] {
+        let test = TestStore::of(SourceInfo { voxel_type, channels, ..info() });
+        let (source, _) = back(&test, "a.tif", all(&test.store));
+        let window = |c: usize| source.info().channel_looks.get(c).and_then(|look| look.window);
+        for c in 0..channels as usize {
+            let expected = <[f64; 2]>::from(test.store.channel_displays()[c].window);
+            assert_eq!(window(c), (voxel_type != VoxelType::I8).then_some(expected), "{voxel_type} {c}");
+        }
+        let bytes = std::fs::read(test.folder.path().join("a.tif")).unwrap();
+        if channels == 1 {
+            let text = String::from_utf8_lossy(&bytes[..400]).into_owned();
+            let low = test.store.channel_displays()[0].window.0;
+            let line = match voxel_type {
+                VoxelType::I16 => format!("\nmin={}\n", low + 32768.0),
+                _ => format!("\nmin={low}\n"),
+            };
+            assert_eq!(text.contains(&line), voxel_type != VoxelType::I8, "{text}");
+        }
+    }
+}
+
 #[test]
 fn units_of_axes_are_kept_or_told() {
     let mut volume = placed();

@@ -26,8 +26,8 @@ const FUNCTIONS: [&str; 14] = [
 ];
 /// The function without coefficients: uncalibrated optical density.
 const OPTICAL_DENSITY: usize = 21;
-/// Added by ImageJ to signed 16-bit numbers before calibration.
-const SIGNED_OFFSET: f64 = 32768.0;
+/// Added by ImageJ to signed 16-bit numbers before calibration and display.
+pub(super) const SIGNED_OFFSET: f64 = 32768.0;
 
 /// Values of stored numbers, by ImageJ or GDAL.
 #[derive(Clone, Debug, PartialEq)]

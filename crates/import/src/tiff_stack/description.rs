@@ -5,7 +5,7 @@
 //! [`stk`](super::stk) (MetaMorph) and [`tag_scale`](super::tag_scale) fill it. A page order is followed or is a [`Description::problem`]; other unclear parts are
 //! dropped, with a note.
 
-use super::calibration::Calibration;
+use super::calibration::{Calibration, SIGNED_OFFSET};
 use super::ome::Pixels;
 use super::page::PageFormat;
 use super::units::unit_of;
@@ -249,8 +249,8 @@ impl Description {
         info.knows_nodata |= self.nodata_is_nan;
     }
 
-    /// Adds the spacing, unit and notes of the description to `info`.
-    pub(super) fn place(&self, info: &mut SourceInfo) {
+    /// Adds the spacing, unit, looks and notes of the description to `info`. `scale` converts stored numbers to voxels.
+    pub(super) fn place(&self, info: &mut SourceInfo, element: Element, scale: Option<Scale>) {
         if let Some(spacing) = self.spacing {
             spacing.place(self.unit, info);
         }
@@ -262,9 +262,26 @@ impl Description {
         // Looks for another number of channels belong elsewhere.
         if self.channel_looks.len() == info.channels as usize {
             info.channel_looks.clone_from(&self.channel_looks);
+            for look in &mut info.channel_looks {
+                look.window = look.window.and_then(|window| window_of(window, element, scale));
+            }
         }
         info.notes.extend(self.notes.iter().cloned());
     }
+}
+
+/// ImageJ's display range, which is of stored numbers, in voxels; `None` of signed bytes, which ImageJ shows as unsigned.
+fn window_of(range: [f64; 2], element: Element, scale: Option<Scale>) -> Option<[f64; 2]> {
+    let offset = match element {
+        Element::Voxel(VoxelType::I8) => return None,
+        Element::Voxel(VoxelType::I16) => SIGNED_OFFSET,
+        _ => 0.0,
+    };
+    let [from, to] = range.map(|shown| {
+        let stored = shown - offset;
+        scale.map_or(stored, |scale| stored * scale.slope + scale.intercept)
+    });
+    Some([from.min(to), from.max(to)])
 }
 
 /// A no-data number as held by pixels of this type: for floats the nearest, since programs write the limits of f32 in few digits.

@@ -217,7 +217,7 @@ fn open_contiguous(
         return Err(ImportError::invalid(path, problem));
     }
     let mut info = SourceInfo { identity: identity("tiff contiguous", &[path])?, ..array.info() };
-    description.place(&mut info);
+    description.place(&mut info, format.element, scale);
     description.place_values(&mut info, scale, note);
     let source = RawSource::new(file, array, info)?.with_losses(description.nodata_value(scale), options)?;
     Ok(Box::new(source.described(|info| description.mark(info, scale, options.nodata))))

@@ -601,6 +601,28 @@ fn imagej_values_are_calibrated() {
     }
 }
 
+/// ImageJ 1.53t writes `min=32688` for -80 in an image of signed numbers, which it stores with an offset.
+#[test]
+fn imagej_display_ranges_are_of_stored_numbers() {
+    for (voxel_type, lines, expected) in [
+        (VoxelType::U16, "min=32688.0\nmax=32808.0\n", Some([32688.0, 32808.0])),
+        (VoxelType::U16, "c0=-32768.0\nc1=1.0\nmin=32688.0\nmax=32808.0\n", Some([-80.0, 40.0])),
+        (VoxelType::U8, "c0=10.0\nc1=0.5\nmin=2.0\nmax=6.0\n", Some([11.0, 13.0])),
+        (VoxelType::U8, "c0=10.0\nc1=-1.0\nmin=2.0\nmax=6.0\n", Some([4.0, 8.0])),
+        (VoxelType::U8, "cf=7\nc0=10.0\nc1=0.5\nmin=2.0\nmax=6.0\n", Some([2.0, 6.0])),
+        (VoxelType::I16, "min=32688.0\nmax=32808.0\n", Some([-80.0, 40.0])),
+        (VoxelType::I16, "c0=-32768.0\nc1=1.0\nmin=32688.0\nmax=32808.0\n", Some([-80.0, 40.0])),
+        (VoxelType::I8, "min=200.0\nmax=210.0\n", None),
+        (VoxelType::F32, "min=-2.5\nmax=3.0\n", Some([-2.5, 3.0])),
+    ] {
+        let field = Field { sizes: [7, 5, 3, 1, 1], voxel_type };
+        let description = format!("ImageJ=1.53t\nimages=3\nslices=3\n{lines}");
+        let (_folder, path) = temp_file("a.tif", &written(field, "z", &Layout { description, ..Layout::default() }));
+        let found = opened(&path).unwrap().info().channel_looks.first().and_then(|look| look.window);
+        assert_eq!(found, expected, "{voxel_type}: {lines}");
+    }
+}
+
 #[test]
 fn planes_that_are_calibrated_unalike_are_refused() {
     let field = Field { sizes: [7, 5, 1, 1, 1], voxel_type: VoxelType::U8 };
