@@ -28,10 +28,14 @@ pub(crate) fn format_of(path: &Path, options: &OpenOptions) -> Result<Format> {
     if start.is_empty() {
         return Err(ImportError::invalid(path, "the file is empty: fetch it again"));
     }
+    let by_name = Format::of_name(path);
+    // Voxels may begin like another format: labels of 32 bits, 8 first, like DICOM.
+    if by_name == Some(Format::Raw) && raw_text::of_whole_name(path).is_file() {
+        return Ok(Format::RawText);
+    }
     if let Some(format) = format_of_contents(path, &name, &start)? {
         return Ok(format);
     }
-    let by_name = Format::of_name(path);
     match by_name {
         _ if mrc::is_named(path, &name)? => return Ok(Format::Mrc),
         _ if [".img", ".img.gz"].iter().any(|end| name.ends_with(end)) => return Ok(Format::Nifti),
@@ -118,5 +122,16 @@ mod tests {
                 assert_eq!(format_of(&path, &OpenOptions::default()).unwrap(), format, "{end}");
             }
         }
+    }
+
+    /// Two voxels of 32 bits, 8 and 100, are DICOM's first element; a text of the whole name tells that they are voxels.
+    #[test]
+    fn a_text_of_the_whole_name_counts_before_contents() {
+        let (folder, path) = temp_file("a.raw", &[8, 0, 0, 0, 100, 0, 0, 0]);
+        let found = |path: &Path| format_of(path, &OpenOptions::default()).unwrap();
+        std::fs::write(folder.path().join("a.json"), "{}").unwrap();
+        assert_eq!(found(&path), Format::Dicom);
+        std::fs::write(folder.path().join("a.raw.json"), "{}").unwrap();
+        assert_eq!(found(&path), Format::RawText);
     }
 }

@@ -67,10 +67,14 @@ pub(crate) fn is_text(name: &str, start: &[u8]) -> bool {
     name.ends_with(END) && text.starts_with(b"{")
 }
 
+/// The text named by a raw file's whole name, which belongs to no other file.
+pub(crate) fn of_whole_name(raw: &Path) -> PathBuf {
+    raw.with_file_name(name_of(raw) + END)
+}
+
 /// The text beside a raw file: of its whole name, or of its name with another end.
 pub(crate) fn beside(raw: &Path) -> Option<PathBuf> {
-    let whole = raw.with_file_name(name_of(raw) + END);
-    let texts = [whole, raw.with_extension(&END[1..])];
+    let texts = [of_whole_name(raw), raw.with_extension(&END[1..])];
     texts.into_iter().find(|text| text != raw && text.is_file())
 }
 
