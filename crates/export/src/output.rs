@@ -157,8 +157,11 @@ fn remove_old(text: &Path) -> Result<(), ExportError> {
 /// If something is there and may not be replaced, or the place is inside a store.
 pub(crate) fn check(path: &Path, overwrite: bool) -> Result<(), ExportError> {
     check_outside(path)?;
-    if !overwrite && path.symlink_metadata().is_ok() {
-        return Err(ExportError::Exists { path: path.into() });
+    match path.symlink_metadata() {
+        Ok(_) if !overwrite => return Err(ExportError::Exists { path: path.into() }),
+        // Too long a name, for one: better told before the work.
+        Err(error) if error.kind() != ErrorKind::NotFound => return Err(ExportError::io(path)(error)),
+        _ => {}
     }
     if std::fs::metadata(path).is_ok_and(|found| !found.is_file()) {
         return Err(ExportError::io(path)(Error::other("is not a regular file, and is never replaced")));
