@@ -2,7 +2,7 @@
 //! their own, since the JSON in front of them has their number and bounds. Costs 12 bytes a vertex and a triangle, and some 400 an object in memory.
 
 use crate::error::MeshError;
-use crate::format::{Format, Place, Scratch, Triangle};
+use crate::format::{Format, Head, Place, Scratch, Triangle};
 use crate::stl::single;
 use glam::{DVec3, Vec3};
 use serde_json::{Value, json};
@@ -21,6 +21,7 @@ const ELEMENT_ARRAY_BUFFER: u32 = 34963;
 
 pub(crate) struct Glb {
     place: Place,
+    head: Head,
     data: Scratch,
     indices: Scratch,
     objects: Vec<Object>,
@@ -37,10 +38,10 @@ struct Object {
 }
 
 impl Glb {
-    pub(crate) fn begin(output: &Path) -> Result<Self, MeshError> {
+    pub(crate) fn begin(output: &Path, head: &Head) -> Result<Self, MeshError> {
         let place = Place { output: output.into() };
         let (data, indices) = (place.scratch()?, place.scratch()?);
-        Ok(Self { place, data, indices, objects: Vec::new(), bytes: 0 })
+        Ok(Self { place, head: head.clone(), data, indices, objects: Vec::new(), bytes: 0 })
     }
 
     fn too_large(&self) -> MeshError {
@@ -80,7 +81,8 @@ impl Glb {
         let mesh = |(i, object): (usize, &Object)| json!({ "name": object.name, "primitives": [{ "attributes": { "POSITION": 2 * i }, "indices": 2 * i + 1 }] });
         let node = |(i, object): (usize, &Object)| json!({ "name": object.name, "mesh": i });
         json!({
-            "asset": { "version": "2.0", "generator": "brickyard" },
+            // The format has metres and no other unit: ours is told where programs keep what they do not know.
+            "asset": { "version": "2.0", "generator": "brickyard", "extras": { "comments": self.head.remarks } },
             "scene": 0,
             "scenes": [{ "nodes": (0..self.objects.len()).collect::<Vec<_>>() }],
             "nodes": self.objects.iter().enumerate().map(node).collect::<Vec<_>>(),

@@ -46,6 +46,11 @@ pub(crate) fn label_boxes(
     }
 }
 
+/// The label of a value; `None` for fractions and NaN among floats, which are none.
+pub(crate) fn label_of(value: f64) -> Option<i64> {
+    (value.fract() == 0.0).then_some(value as i64)
+}
+
 /// The part of a brick within the region.
 fn shared(bricks: &Bricks<'_>, id: BrickId) -> VoxelBox {
     bricks.store().pyramid().brick_box(id.level, id.index).intersect(bricks.region())
@@ -67,9 +72,7 @@ fn of_brick<T: Voxel>(bricks: &Bricks<'_>, id: BrickId, nodata: Option<f64>) -> 
     match bricks.range(id)? {
         None => return Ok(found),
         Some((low, high)) if low == high && nodata.is_none() => {
-            if low as i64 != BACKGROUND {
-                found.insert(low as i64, region);
-            }
+            found.extend(label_of(low).filter(|label| *label != BACKGROUND).map(|label| (label, region)));
             return Ok(found);
         }
         Some(_) => {}
@@ -85,8 +88,9 @@ fn of_brick<T: Voxel>(bricks: &Bricks<'_>, id: BrickId, nodata: Option<f64>) -> 
             // Equal neighbours are one box.
             for run in row.chunk_by(|a, b| a == b) {
                 let (value, end) = (run[0].to_f64(), x + run.len() as u32);
-                if value as i64 != BACKGROUND && nodata != Some(value) {
-                    join(&mut found, value as i64, VoxelBox::new([x, y, z], [end, y + 1, z + 1]));
+                let label = label_of(value).filter(|label| *label != BACKGROUND && nodata != Some(value));
+                if let Some(label) = label {
+                    join(&mut found, label, VoxelBox::new([x, y, z], [end, y + 1, z + 1]));
                 }
                 x = end;
             }

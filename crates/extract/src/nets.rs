@@ -8,6 +8,7 @@
 //! corner of the other one turn aside over a vertex in the middle, and each edge has two triangles in every label's mesh.
 
 use crate::block_grid::Block;
+use crate::label_boxes::label_of;
 use crate::numbering::Class;
 use crate::patch::{Patch, PatchVertex};
 use crate::points::Points;
@@ -65,7 +66,8 @@ impl Nets {
             let x = i % points.size[0];
             let (y, z) = (i / points.size[0] % points.size[1], i / points.size[0] / points.size[1]);
             let value = value.to_f64();
-            if points.covers([x, y, z]) && self.nodata != Some(value) { value as i64 } else { OUTSIDE }
+            let is_known = points.covers([x, y, z]) && self.nodata != Some(value);
+            label_of(value).filter(|_| is_known).unwrap_or(OUTSIDE)
         };
         let labels: Vec<i64> = points.values.iter().enumerate().map(label).collect();
         if !labels.contains(&self.label) {

@@ -27,7 +27,7 @@ pub(crate) fn begin(output: &Path, head: &Head, holds_several: bool) -> Result<B
         "stl" => Box::new(Stl::begin(output, head)?),
         "ply" => Box::new(Ply::begin(output, head)?),
         "obj" => Box::new(Obj::begin(output, head)?),
-        "glb" => Box::new(Glb::begin(output)?),
+        "glb" => Box::new(Glb::begin(output, head)?),
         _ => return Err(MeshError::Extension { path: output.into() }),
     })
 }

@@ -350,6 +350,24 @@ fn all_labels_are_the_single_ones_as_objects() {
     }
 }
 
+/// Labels in floats: 1.5 is no voxel of label 1, nor is NaN background.
+#[test]
+fn fractions_and_nan_are_no_labels() {
+    let value = |[x, ..]: [u32; 3]| [0.0f32, 1.0, 1.5, 3.0, f32::NAN, f32::NAN][x as usize % 6];
+    for edge in [8, 32] {
+        let packed = Packed::labels(&Made::new([6, 5, 4], value), edge);
+        for label in [0, 1, 3] {
+            let (ply, report) = packed.ply(&MeshRequest::new(MeshSurface::Label(label)));
+            ply.checked();
+            let volume = report.objects[0].volume;
+            assert!((volume - 20.0).abs() < 1e-9, "{label}: {volume}");
+        }
+        let path = packed.folder.path().join("all.obj");
+        let report = mesh(&packed.store, &path, &MeshRequest::new(MeshSurface::Labels), go_on).unwrap();
+        assert_eq!(report.objects.iter().map(|object| object.label).collect::<Vec<_>>(), [Some(1), Some(3)]);
+    }
+}
+
 fn triangles(read: &brickyard_volume::Mesh) -> impl Iterator<Item = [[u64; 3]; 3]> {
     let place = |vertex: u32| DVec3::from_array(read.positions()[vertex as usize].map(f64::from));
     read.triangles().iter().map(move |triangle| by_bits(triangle.map(place)))
@@ -367,6 +385,20 @@ fn every_format_is_read_back_with_the_same_triangles() {
         let mut found: Vec<_> = triangles(&read).collect();
         found.sort_unstable();
         assert!(found == ply.sorted(), "{name}");
+    }
+}
+
+/// Of formats without a unit, too.
+#[test]
+fn every_file_tells_the_unit_and_whose_sides_its_axes_are() {
+    let sphere = Made::new([20, 20, 20], within_sphere(DVec3::splat(9.5), 7.0));
+    let rows = [[-1.0, 0.0, 0.0, 3.0], [0.0, -1.0, 0.0, 4.0], [0.0, 0.0, 1.0, 5.0]];
+    let packed = Packed::image(&sphere.oriented(rows), 8);
+    for name in ["a.stl", "a.ply", "a.obj", "a.glb"] {
+        let bytes = bytes(&packed, name, &isosurface(0.0));
+        for words in ["SPACE=RAS", "unit: millimeter"] {
+            assert!(bytes.windows(words.len()).any(|found| found == words.as_bytes()), "{name}: {words}");
+        }
     }
 }
 
