@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Random stores, exported by brickyard to every format, and opened by other programs: voxels bit for bit, three corners' places, names and times.
 
-    pip install 'ngff-zarr[validate]' nibabel numpy ome-zarr ome-zarr-models pillow pynrrd SimpleITK slicerio tifffile vtk zarr
+    pip install 'ngff-zarr[validate]' nibabel numpy ome-zarr ome-zarr-models pillow pynrrd SimpleITK tifffile vtk zarr
     tools/differential_exports.py --brickyard target/release/brickyard --count 200 --seed 1
 
 Each case packs a raw file of noise with a text that places it, then exports a box of a level, of some channels and steps, to every format. Files are also
@@ -379,8 +379,9 @@ class Case:
             expect(np.allclose(said, self.even_times()), path.name, "times", said)
         if self.part_names:
             expect([c["label"] for c in ome["omero"]["channels"]] == self.part_names, path.name, ome["omero"])
-        image = ngff_zarr.from_ngff_zarr(str(path), validate=version != "0.6")
-        for found, level, (scale, translation) in zip(image.images, levels, places, strict=True):
+        # From 0.50 on it reads by zarrs, which knows no zlib.
+        images = [] if version == "0.4" else ngff_zarr.from_ngff_zarr(str(path), validate=version != "0.6").images
+        for found, level, (scale, translation) in zip(images, levels, places, strict=version != "0.4"):
             expect(same(np.asarray(found.data), level), path.name, "ngff-zarr: voxels")
             expect([found.scale[a] for a in "zyx"] == scale[-3:].tolist(), path.name, "ngff-zarr", found.scale, scale)
             expect([found.translation[a] for a in "zyx"] == translation[-3:].tolist(), path.name, "ngff-zarr", found.translation)
