@@ -9,7 +9,7 @@ use super::{Failure, heading, print_json, store_errors, values};
 use brickyard::extract::{self, MeshRequest, MeshSurface};
 use brickyard::session::VolumeSource;
 use brickyard::volume::{Level, VoxelBox};
-use clap::Args;
+use clap::{ArgGroup, Args};
 use serde::Serialize;
 use std::path::PathBuf;
 use std::str::FromStr;
@@ -17,16 +17,17 @@ use std::sync::Arc;
 
 /// `brickyard mesh STORE OUT --isovalue V | --label N`
 #[derive(Args)]
+#[command(group(ArgGroup::new("surface").required(true)))]
 pub(crate) struct MeshArguments {
     /// The store
     store: PathBuf,
     /// The output: .stl, .ply, .obj or .glb
     output: PathBuf,
     /// The border of all values of at least this
-    #[arg(help_heading = heading::READ, long, value_name = "VALUE", allow_hyphen_values = true, required_unless_present = "label", conflicts_with = "label")]
+    #[arg(help_heading = heading::READ, long, value_name = "VALUE", allow_hyphen_values = true, group = "surface")]
     isovalue: Option<f64>,
     /// The border of one label; or of all but the background, an object for each (.obj, .glb)
-    #[arg(help_heading = heading::READ, long, value_name = "N|all", allow_hyphen_values = true)]
+    #[arg(help_heading = heading::READ, long, value_name = "N|all", allow_hyphen_values = true, group = "surface")]
     label: Option<LabelChoice>,
     /// Iterations of smoothing, up to 20. Isosurfaces keep their volume; borders of labels stay within half a voxel, and
     /// those of neighbours stay the same

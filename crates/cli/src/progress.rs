@@ -88,7 +88,9 @@ impl Lines {
                 .to_string()
         } else {
             let percent = 100.0 * done as f64 / total.max(1) as f64;
-            format!("{}: {percent:.0} %, {:.0} MB/s, {eta_s:.0} s left", self.what, rate / 1e6)
+            // Before the first bytes there is no rate to go by.
+            let left = if done > 0 { format!(", {eta_s:.0} s left") } else { String::new() };
+            format!("{}: {percent:.0} %, {:.0} MB/s{left}", self.what, rate / 1e6)
         };
         let _ = writeln!(std::io::stderr(), "{line}");
     }
