@@ -12,8 +12,8 @@ use brickyard_store::Store;
 /// The program, its stacks and its allocator.
 const PROGRAM_BYTES: u64 = 24 << 20;
 
-/// Blocks whose patches wait to be written, for each thread.
-pub(crate) const PATCHES_PER_THREAD: usize = 2;
+/// Greatest patches in memory, for each thread: one at work, and others that wait to be written.
+const PATCHES_PER_THREAD: u64 = 2;
 
 /// Voxels along the edge of a block and its borders, without smoothing.
 const BLOCK_POINTS: u64 = 34;
@@ -32,6 +32,8 @@ pub(crate) struct Budget {
     pub(crate) bricks: usize,
     /// For the list of pieces, in bytes.
     pub(crate) list_bytes: u64,
+    /// For patches that wait to be written, and their pieces.
+    pub(crate) waiting_bytes: u64,
 }
 
 impl Budget {
@@ -50,7 +52,7 @@ impl Budget {
         let table_bytes = if is_decimated { TABLE_BYTES } else { 0 };
         let fixed_bytes = PROGRAM_BYTES + store.cache_bytes() + labels + 4 * BUFFER_BYTES as u64 + table_bytes;
         // A brick being decoded: encoded, shuffled and decoded; and one that others keep from being dropped.
-        let patches = PATCHES_PER_THREAD as u64 * patch_bytes(request);
+        let patches = PATCHES_PER_THREAD * patch_bytes(request);
         let decimation = if is_decimated { decimation_bytes(request) } else { 0 };
         let thread = working_bytes(store, request) + patches + decimation + 4 * core;
         let least = fixed_bytes + least_list_bytes + thread + core;
@@ -62,7 +64,9 @@ impl Budget {
         let room = request.memory_bytes - fixed_bytes - list_bytes;
         let threads = (rayon::current_num_threads() as u64).min((room - core) / thread).max(1);
         let bricks = (room - threads * thread) / core;
-        Ok(Self { threads: threads as usize, bricks: bricks as usize, list_bytes })
+        let pieces_bytes = if is_decimated { pieces_bytes(request) } else { 0 };
+        let waiting_bytes = threads * (PATCHES_PER_THREAD - 1) * (patch_bytes(request) + pieces_bytes);
+        Ok(Self { threads: threads as usize, bricks: bricks as usize, list_bytes, waiting_bytes })
     }
 }
 
@@ -87,12 +91,18 @@ fn patch_bytes(request: &MeshRequest) -> u64 {
 const VERTEX_WORK_BYTES: u64 = 256;
 const TRIANGLE_WORK_BYTES: u64 = 64;
 
+/// Bytes of a block's pieces.
+fn pieces_bytes(request: &MeshRequest) -> u64 {
+    let (vertices, triangles) = of_voxel(request);
+    BLOCK_POINTS.pow(3) * (vertices * 33 + triangles * 16)
+}
+
 /// Bytes of a thread that decimates: a block, whose pieces wait, or later the heaviest region; its triangles are twice its vertices.
 fn decimation_bytes(request: &MeshRequest) -> u64 {
     let (vertices, triangles) = of_voxel(request);
     let points = BLOCK_POINTS.pow(3);
     let block = points * (vertices * VERTEX_WORK_BYTES + triangles * TRIANGLE_WORK_BYTES);
-    let waiting = PATCHES_PER_THREAD as u64 * points * (vertices * 33 + triangles * 16);
+    let waiting = PATCHES_PER_THREAD * pieces_bytes(request);
     let region = MOST_WEIGHT * (VERTEX_WORK_BYTES / 2 + TRIANGLE_WORK_BYTES);
     (block + waiting).max(region)
 }

@@ -2,7 +2,7 @@
 
 use crate::block_grid::{Block, BlockGrid};
 use crate::bricks::{self, Bricks};
-use crate::budget::{Budget, PATCHES_PER_THREAD};
+use crate::budget::Budget;
 use crate::decimation::{Decimation, Region};
 use crate::error::MeshError;
 use crate::format::{Format, Head, Place, Triangle};
@@ -24,6 +24,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 use std::ops::ControlFlow;
 use std::path::Path;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Checks whether a surface of a store may be written to `output`, reading no voxel.
 ///
@@ -63,7 +64,8 @@ pub fn mesh(
     let pieces = decimation.map(begin).transpose()?;
     let origin = world.place(DVec3::from_array(region.min.to_array().map(f64::from)));
     let written = Written { format, pieces, objects: Vec::new(), numbers: Numbers::default(), origin };
-    let sweep = Sweep { bricks, world, decimation, request, output, progress: &progress };
+    let sweep =
+        Sweep { bricks, world, decimation, waiting_bytes: budget.waiting_bytes, request, output, progress: &progress };
     let (format, report) = pool.install(|| sweep.run(written))?;
     let file = format.finish()?;
     let io = |error| MeshError::Io { path: output.into(), error };
@@ -174,10 +176,15 @@ struct Job {
 /// Blocks looked at between two reports of progress, for each thread: most have no surface.
 const JOBS_AT_ONCE: usize = 64;
 
+/// Blocks extracted before they are written, for each thread: the last ones keep some threads waiting.
+const PARTS_AT_ONCE: usize = 8;
+
 struct Sweep<'a, P> {
     bricks: Bricks<'a>,
     world: World,
     decimation: Option<Decimation>,
+    /// Bytes of parts that may wait to be written when another is begun.
+    waiting_bytes: u64,
     request: &'a MeshRequest,
     output: &'a Path,
     progress: &'a P,
@@ -218,9 +225,12 @@ impl<P: Fn(u64, u64) -> ControlFlow<()> + Sync> Sweep<'_, P> {
                 |job: &Job| self.may_cross(&targets[job.target], &job.block).map(|is_active| (*job, is_active));
             let active = some.par_iter().map(is_active).collect::<Result<Vec<_>, ReadError>>()?;
             let active: Vec<Job> = active.into_iter().filter_map(|(job, is_active)| is_active.then_some(job)).collect();
-            for jobs in active.chunks(PATCHES_PER_THREAD * threads) {
-                let parts = jobs.par_iter().map(|job| self.part(&targets[job.target], &job.block));
-                for (job, part) in jobs.iter().zip(parts.collect::<Result<Vec<_>, _>>()?) {
+            let mut rest = &active[..];
+            while !rest.is_empty() {
+                let jobs = &rest[..rest.len().min(PARTS_AT_ONCE * threads)];
+                let parts = self.parts(&targets, jobs)?;
+                rest = &rest[parts.len()..];
+                for (job, part) in jobs.iter().zip(parts) {
                     let target = &targets[job.target];
                     if !written.is_in(target) && !part.patch.vertices.is_empty() {
                         written.end(|| self.report(done, total))?;
@@ -298,6 +308,21 @@ impl<P: Fn(u64, u64) -> ControlFlow<()> + Sync> Sweep<'_, P> {
         Ok(false)
     }
 
+    /// The parts of some blocks, on all threads: of the first one, and of those that follow it as long as all together fit the memory.
+    fn parts(&self, targets: &[Target], jobs: &[Job]) -> Result<Vec<Part>, ReadError> {
+        let held_bytes = AtomicU64::new(0);
+        let part = |(i, job): (usize, &Job)| {
+            if i > 0 && held_bytes.load(Ordering::Relaxed) > self.waiting_bytes {
+                return Ok(None);
+            }
+            let part = self.part(&targets[job.target], &job.block)?;
+            held_bytes.fetch_add(part.bytes(), Ordering::Relaxed);
+            Ok(Some(part))
+        };
+        let parts = jobs.par_iter().enumerate().with_max_len(1).map(part).collect::<Result<Vec<_>, ReadError>>()?;
+        Ok(parts.into_iter().map_while(|part| part).collect())
+    }
+
     fn part(&self, target: &Target, block: &Block) -> Result<Part, ReadError> {
         let patch = self.patch(target, block)?;
         let pieces = self.decimation.map(|decimation| decimation.of_patch(&patch));
@@ -331,6 +356,13 @@ struct Part {
     patch: Patch,
     /// The decimated patch; ids are places in it.
     pieces: Option<Vec<(Region, Piece)>>,
+}
+
+impl Part {
+    fn bytes(&self) -> u64 {
+        let pieces = self.pieces.iter().flatten().map(|(_, piece)| piece.held_bytes());
+        self.patch.held_bytes() + pieces.sum::<u64>()
+    }
 }
 
 /// The output so far.

@@ -25,3 +25,13 @@ pub(crate) struct Patch {
     /// The label beyond each triangle; empty for isosurfaces.
     pub(crate) sheets: Vec<i64>,
 }
+
+impl Patch {
+    /// Bytes of memory.
+    pub(crate) fn held_bytes(&self) -> u64 {
+        let vectors = size_of::<PatchVertex>() * self.vertices.capacity()
+            + size_of::<[u32; 3]>() * self.triangles.capacity()
+            + size_of::<i64>() * self.sheets.capacity();
+        vectors as u64
+    }
+}

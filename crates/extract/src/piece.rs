@@ -62,6 +62,17 @@ impl Piece {
         Counts { vertices, triangles, points }
     }
 
+    /// Bytes of memory.
+    pub(crate) fn held_bytes(&self) -> u64 {
+        let vertices = size_of::<u64>() * self.ids.capacity()
+            + size_of::<DVec3>() * self.places.capacity()
+            + size_of::<bool>() * self.is_fixed.capacity();
+        let triangles = size_of::<[u32; 3]>() * self.triangles.capacity()
+            + size_of::<u32>() * self.covered.counts.capacity()
+            + size_of::<DVec3>() * self.covered.points.capacity();
+        (vertices + triangles) as u64
+    }
+
     /// Some triangles, ascending, with these points covered by each; and their vertices, in the same order.
     pub(crate) fn part(&self, triangles: impl Iterator<Item = (usize, Vec<DVec3>)>) -> Self {
         let mut part = Self::default();

@@ -3,14 +3,15 @@
 //! Vertices that several pieces have get their numbers from a table on disk, by id; the last pages of it are kept. Costs 192 bytes of memory for each
 //! part of a block's surface: up to eight of a block, for each label beyond it.
 
-use crate::decimation::{Decimation, Region, runs};
+use crate::decimation::{Decimation, MOST_WEIGHT, Region, runs};
 use crate::error::MeshError;
 use crate::format::Place;
 use crate::number_table::NumberTable;
 use crate::piece::{Counts, Piece};
 use rayon::prelude::*;
 use std::fs::File;
-use std::io::{BufWriter, Read, Seek, SeekFrom, Write};
+use std::io::{BufWriter, Seek, Write};
+use std::os::unix::fs::FileExt;
 
 /// A piece in the file.
 #[derive(Clone, Copy, Debug)]
@@ -83,11 +84,20 @@ impl Pieces {
             rest = others;
         }
         drop(parts);
+        self.file.flush().map_err(|error| self.place.io(error))?;
         let mut next = 0;
-        for regions in regions.chunks(rayon::current_num_threads()) {
-            let read = regions.iter().map(|region| self.read(region)).collect::<Result<Vec<_>, _>>()?;
-            let decimated: Vec<Piece> = read.into_par_iter().map(|pieces| self.decimation.of_region(&pieces)).collect();
-            for piece in decimated {
+        let mut regions = &regions[..];
+        while !regions.is_empty() {
+            // As many as weigh no more than the heaviest one for each thread would.
+            let most = rayon::current_num_threads() as u64 * MOST_WEIGHT;
+            let sums = regions.iter().scan(0, |sum, region| {
+                *sum += region.iter().map(|entry| entry.counts.weight()).sum::<u64>();
+                Some(*sum)
+            });
+            let (some, others) = regions.split_at(sums.take_while(|sum| *sum <= most).count().max(1));
+            regions = others;
+            let decimated = |region: &&[Entry]| self.read(region).map(|pieces| self.decimation.of_region(&pieces));
+            for piece in some.par_iter().with_max_len(1).map(decimated).collect::<Result<Vec<_>, _>>()? {
                 let numbers = self.number(&piece, &mut next)?;
                 write(&piece, &numbers)?;
             }
@@ -97,15 +107,13 @@ impl Pieces {
         self.file.rewind().and_then(|()| self.file.get_ref().set_len(0)).map_err(|error| self.place.io(error))
     }
 
-    fn read(&mut self, region: &[Entry]) -> Result<Vec<Piece>, MeshError> {
-        let mut read = |entry: &Entry| {
+    fn read(&self, region: &[Entry]) -> Result<Vec<Piece>, MeshError> {
+        let read = |entry: &Entry| {
             let mut bytes = vec![0; entry.counts.bytes()];
-            // Seeking writes what is still in the buffer.
-            self.file.seek(SeekFrom::Start(entry.offset))?;
-            self.file.get_mut().read_exact(&mut bytes)?;
+            self.file.get_ref().read_exact_at(&mut bytes, entry.offset)?;
             Ok(Piece::decode(&bytes, entry.counts))
         };
-        let pieces: std::io::Result<Vec<Piece>> = region.iter().map(&mut read).collect();
+        let pieces: std::io::Result<Vec<Piece>> = region.iter().map(read).collect();
         pieces.map_err(|error| self.place.io(error))
     }
 
