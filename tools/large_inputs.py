@@ -20,10 +20,8 @@ import time
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
 from differential import ROOT, enter_environment, parsed
+from measuring import bytes_of, measured
 
-UNITS = {"KiB": 1 << 10, "MiB": 1 << 20, "GiB": 1 << 30}
-# Turns of the rates' table: a machine's own rate changes by a tenth from one to the next.
-ROUNDS = 7
 # Voxels along x and y of every plane.
 PLANE = 1024
 # The formats of the rates' table, when none is named.
@@ -348,41 +346,11 @@ FORMATS = {
 }
 
 
-def started_pack(a, inputs, store):
+def packed(a, inputs, store):
+    """Packs; returns the seconds, and the most memory in bytes."""
     shutil.rmtree(store, ignore_errors=True)
-    command = [a.brickyard, "pack", *inputs, store, "--memory", a.memory, "--progress", "none", "--scratch", a.out, "-q"]
-    return subprocess.Popen([str(word) for word in command], stderr=subprocess.PIPE, text=True)
-
-
-def ended(process):
-    if process.wait():
-        sys.exit(f"{' '.join(process.args)}: exit code {process.returncode}: {process.stderr.read()}")
-
-
-def memory_of_pack(a, inputs, store):
-    """Packs; returns the most anonymous and shared memory in bytes."""
-    process, most = started_pack(a, inputs, store), 0
-    while process.poll() is None:
-        most = max(most, held_bytes(process.pid))
-        time.sleep(0.002)
-    ended(process)
-    return most
-
-
-def seconds_of_pack(a, inputs, store):
-    """Packs, unwatched: whoever counts a process's memory stops its maps meanwhile."""
-    started = time.monotonic()
-    ended(started_pack(a, inputs, store))
-    return time.monotonic() - started
-
-
-def held_bytes(process):
-    try:
-        status = pathlib.Path(f"/proc/{process}/status").read_text()
-    except OSError:
-        return 0
-    fields = dict(line.split(":", 1) for line in status.splitlines() if ":" in line)
-    return sum(int(fields.get(name, "0 kB").split()[0]) << 10 for name in ("RssAnon", "RssShmem"))
+    found = measured([a.brickyard, "pack", *inputs, store, "--memory", a.memory, "--progress", "none", "--scratch", a.out, "-q"])
+    return found.seconds, found.most_bytes
 
 
 def differs(a, volume, store, name):
@@ -419,7 +387,7 @@ def main():
     shutil.rmtree(a.out, ignore_errors=True)
     a.out.mkdir(parents=True)
     volume = Volume(a.out, a.gib)
-    allowed = int(a.memory[:-3]) * UNITS[a.memory[-3:]]
+    allowed = bytes_of(a.memory)
     mb = volume.path.stat().st_size / 1e6
     head = ["format", f"memory of {a.memory}, MiB"]
     print("| " + " | ".join(head + (["MB/s", "its own read, MB/s", "pack of raw, MB/s", "of the slower"] if a.rates else [])) + " |", flush=True)
