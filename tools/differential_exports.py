@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Random stores, exported by brickyard to every format, and opened by other programs: voxels bit for bit, three corners' places, names and times.
 
-    pip install 'ngff-zarr[validate]' nibabel numpy ome-zarr ome-zarr-models pillow pynrrd SimpleITK tifffile vtk zarr
+    pip install 'ngff-zarr[validate]' nibabel numpy ome-zarr ome-zarr-models pillow pynrrd SimpleITK slicerio tifffile vtk zarr
     tools/differential_exports.py --brickyard target/release/brickyard --count 200 --seed 1
 
 Each case packs a raw file of noise with a text that places it, then exports a box of a level, of some channels and steps, to every format. Files are also

@@ -22,6 +22,8 @@ sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
 from differential import ROOT, enter_environment, parsed
 from measuring import bytes_of, measured
 
+# Turns of the rates' table: a machine's own rate changes by a tenth from one to the next.
+ROUNDS = 7
 # Voxels along x and y of every plane.
 PLANE = 1024
 # The formats of the rates' table, when none is named.
@@ -346,11 +348,11 @@ FORMATS = {
 }
 
 
-def packed(a, inputs, store):
-    """Packs; returns the seconds, and the most memory in bytes."""
+def packed(a, inputs, store, is_watched=False):
+    """Packs anew."""
     shutil.rmtree(store, ignore_errors=True)
-    found = measured([a.brickyard, "pack", *inputs, store, "--memory", a.memory, "--progress", "none", "--scratch", a.out, "-q"])
-    return found.seconds, found.most_bytes
+    command = [a.brickyard, "pack", *inputs, store, "--memory", a.memory, "--progress", "none", "--scratch", a.out, "-q"]
+    return measured(command, is_watched)
 
 
 def differs(a, volume, store, name):
@@ -374,7 +376,7 @@ def others(a, volume, read, path, store):
     started = time.monotonic()
     read(path)
     own = time.monotonic() - started
-    return own, seconds_of_pack(a, [volume.path, *volume.flags()], store)
+    return own, packed(a, [volume.path, *volume.flags()], store).seconds
 
 
 def main():
@@ -399,11 +401,11 @@ def main():
         path = write(volume, folder)
         # Else the disk is still busy with it in the first turns.
         os.sync()
-        most = memory_of_pack(a, [path], store)
+        most = packed(a, [path], store, is_watched=True).most_bytes
         problem = differs(a, volume, store, name)
         rates = []
         if a.rates:
-            rounds = [(seconds_of_pack(a, [path], store), *others(a, volume, read, path, store)) for _ in range(ROUNDS)]
+            rounds = [(packed(a, [path], store).seconds, *others(a, volume, read, path, store)) for _ in range(ROUNDS)]
             ratios = sorted(max(own, raw) / seconds for seconds, own, raw in rounds)
             seconds, own, raw = (statistics.median(column) for column in zip(*rounds))
             of_slower = f"{statistics.median(ratios):.2f} ({ratios[0]:.2f} to {ratios[-1]:.2f})"

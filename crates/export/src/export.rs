@@ -3,11 +3,12 @@
 use crate::budget::{Needs, pool, shares};
 use crate::error::ExportError;
 use crate::flat;
+use crate::folder::{create_folder, keep_folder};
 use crate::format::Format;
 use crate::gzip::{self, Gzip};
 use crate::job::{Blocks, Job};
-use crate::nrrd;
-use crate::output::{Target, check, create_folder, keep_folder};
+use crate::nrrd::check_segments;
+use crate::output::{Target, check};
 use crate::plan::{Body, Plan};
 use crate::planes::for_each_layer;
 use crate::png;
@@ -72,7 +73,7 @@ pub fn export(
     };
     let segments = match format {
         Format::SegNrrd => {
-            nrrd::check_segments(&volume)?;
+            check_segments(&volume)?;
             Target::of(format, output).check(request.overwrite)?;
             segments::survey(&job, store.label_colors())?
         }

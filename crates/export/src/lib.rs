@@ -11,6 +11,7 @@ mod error;
 mod export;
 mod facts;
 mod flat;
+mod folder;
 mod format;
 mod frame;
 mod gzip;

@@ -19,26 +19,27 @@ pub(crate) fn plan(volume: &Volume) -> Plan {
     plan_with(volume, None).noted(is_segmentation.then(|| way_on.to_owned()))
 }
 
+/// Plans a file of labels, with 3D Slicer's keys for each.
+pub(crate) fn plan_segments(volume: &Volume) -> Plan {
+    plan_with(volume, Some(volume.segments))
+}
+
 /// Refuses a volume that is no segmentation of one layer.
 pub(crate) fn check_segments(volume: &Volume) -> Result<(), ExportError> {
     const FORMAT: &str = "A .seg.nrrd file";
     if !volume.is_labels {
-        let problem = "a .seg.nrrd file holds labels, and the store is an image: choose .nrrd, or edit its `kind`";
+        let problem =
+            "a .seg.nrrd file holds labels, and the store is an image: choose .nrrd, or make it labels by `edit`";
         return Err(ExportError::unfit(volume.output, problem));
     }
     volume.check_one_channel(FORMAT)?;
     volume.check_one_step(FORMAT)
 }
 
-/// Plans a file of labels, with 3D Slicer's keys for each.
-pub(crate) fn plan_segments(volume: &Volume) -> Plan {
-    plan_with(volume, Some(volume.segments))
-}
-
 fn plan_with(volume: &Volume, segments: Option<&[Segment]>) -> Plan {
     let info = volume.info;
     let frame = Frame::of(info);
-    let header = Header::of(volume, &frame);
+    let header = Header { segments, ..Header::of(volume, &frame) };
     let mut kept = vec![Fact::Spacing, Fact::LengthUnit, Fact::Orientation];
     if volume.is_placed() {
         kept.push(Fact::Origin);

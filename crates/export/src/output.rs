@@ -2,19 +2,17 @@
 //! Existing files are replaced only if the caller says so; folders and devices never are.
 
 use crate::error::ExportError;
+use crate::folder::{PREFIX, create_folder, keep_folder, remove_left};
 use crate::format::Format;
 use crate::metaimage::data_beside;
 use crate::pvd::{folder_beside, is_step_of};
 use crate::raw::text_beside;
 use crate::vti::is_of_this_program;
-use brickyard_import::unfinished::{OutputFolder, file_for, folder_for};
-use brickyard_store::{check_outside, remove_unfinished};
+use brickyard_import::unfinished::{OutputFolder, file_for};
+use brickyard_store::check_outside;
 use std::io::{Error, ErrorKind, Write};
 use std::path::{Path, PathBuf};
 use tempfile::NamedTempFile;
-
-/// Start of temporary names.
-const PREFIX: &str = ".brickyard-export";
 
 /// A file or folder, and the text beside it.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -175,40 +173,5 @@ fn persist(file: NamedTempFile, path: &Path, overwrite: bool) -> Result<(), Expo
         Ok(_) => Ok(()),
         Err(error) if error.error.kind() == ErrorKind::AlreadyExists => Err(ExportError::Exists { path: path.into() }),
         Err(error) => Err(ExportError::io(path)(error.error)),
-    }
-}
-
-/// Creates a folder under a temporary name beside a path.
-pub(crate) fn create_folder(path: &Path) -> Result<OutputFolder, ExportError> {
-    folder_for(path, PREFIX, remove_left).map_err(ExportError::io(path))
-}
-
-/// Deletes the folder that a killed export left, but for anything that no export puts there.
-fn remove_left(folder: &Path) {
-    for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
-        let path = entry.path();
-        match entry.file_type() {
-            Ok(kind) if kind.is_dir() => remove_unfinished(&path),
-            Ok(kind) if kind.is_file() && path.extension().is_some_and(|end| end == "png" || end == "vti") => {
-                let _ = std::fs::remove_file(&path);
-            }
-            _ => {}
-        }
-    }
-    let _ = std::fs::remove_dir(folder);
-}
-
-/// Gives a complete folder its name. Another folder is never replaced, unless it is empty.
-pub(crate) fn keep_folder(folder: OutputFolder, path: &Path) -> Result<(), ExportError> {
-    match std::fs::rename(folder.path(), path) {
-        Ok(()) => {
-            // It has another name, so there is nothing to delete.
-            let _ = folder.keep();
-            Ok(())
-        }
-        Err(error) if matches!(error.kind(), ErrorKind::DirectoryNotEmpty | ErrorKind::NotADirectory) => {
-            Err(ExportError::Exists { path: path.into() })
-        }
-        Err(error) => Err(ExportError::io(path)(error)),
     }
 }

@@ -26,8 +26,8 @@ const MESH_FILE: &str = "brickyard.ply";
 const MESHES_FILE: &str = "brickyard.glb";
 
 /// Names of exports, by their formats.
-const FORMATS: &str = "choose a name ending in .zarr, .nii, .nii.gz, .nrrd, .seg.nrrd (labels), .mha, .mhd, .vti, .pvd, .tif (ImageJ), .ome.tif, .npy (NumPy), \
-    .raw or, for a folder of PNG planes, /";
+const FORMATS: &str = "The name tells the format: it ends in .zarr, .nii, .nii.gz, .nrrd, .seg.nrrd (labels), .mha, .mhd, .vti, .pvd, .tif \
+    (ImageJ), .ome.tif, .npy (NumPy), .raw or, for a folder of PNG planes, /";
 
 /// Most pixels of a picture along an axis.
 const MOST_PX: u32 = 16384;
