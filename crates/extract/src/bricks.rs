@@ -19,7 +19,7 @@ pub(crate) struct Bricks<'a> {
     kept: Mutex<LruCache<BrickIndex, Slot>>,
 }
 
-/// The part of a store that is read.
+/// The part of a store to be read.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Part {
     pub(crate) level: Level,
@@ -30,7 +30,7 @@ pub(crate) struct Part {
 }
 
 impl<'a> Bricks<'a> {
-    /// A reader that keeps this many bricks.
+    /// A reader keeping this many bricks.
     pub(crate) fn new(store: &'a Store, part: Part, kept: usize) -> Self {
         let kept = Mutex::new(LruCache::new(NonZeroUsize::new(kept).unwrap_or(NonZeroUsize::MIN)));
         Self { store, part, kept }

@@ -12,7 +12,7 @@ use brickyard_store::Store;
 /// The program, its stacks and its allocator.
 const PROGRAM_BYTES: u64 = 24 << 20;
 
-/// Greatest patches in memory, for each thread: one at work, and others that wait to be written.
+/// Greatest patches in memory, for each thread: one at work, and others waiting to be written.
 const PATCHES_PER_THREAD: u64 = 2;
 
 /// Voxels along the edge of a block and its borders, without smoothing.
@@ -32,7 +32,7 @@ pub(crate) struct Budget {
     pub(crate) bricks: usize,
     /// For the list of pieces, in bytes.
     pub(crate) list_bytes: u64,
-    /// For patches that wait to be written, and their pieces.
+    /// For patches waiting to be written, and their pieces.
     pub(crate) waiting_bytes: u64,
 }
 
@@ -70,7 +70,7 @@ impl Budget {
     }
 }
 
-/// A vector that grows takes up to twice its length.
+/// A growing vector takes up to twice its length.
 const GROWTH: u64 = 2;
 
 /// Vertices and triangles of a voxel, at most.
@@ -97,7 +97,7 @@ fn pieces_bytes(request: &MeshRequest) -> u64 {
     BLOCK_POINTS.pow(3) * (vertices * 33 + triangles * 16)
 }
 
-/// Bytes of a thread that decimates: a block, whose pieces wait, or later the heaviest region; its triangles are twice its vertices.
+/// Bytes of a decimating thread: a block, whose pieces wait, or later the heaviest region; its triangles are twice its vertices.
 fn decimation_bytes(request: &MeshRequest) -> u64 {
     let (vertices, triangles) = of_voxel(request);
     let points = BLOCK_POINTS.pow(3);

@@ -21,7 +21,7 @@ const JOINS: u32 = 3;
 /// Bits of a cell's place along an axis; the few cells further away count as one.
 const AXIS_BITS: u32 = 21;
 
-/// The part of a mesh that is decimated by itself.
+/// A part of a mesh, decimated by itself.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct Region {
     /// The label on the other side, of labels.

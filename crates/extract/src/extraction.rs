@@ -183,7 +183,7 @@ struct Sweep<'a, P> {
     bricks: Bricks<'a>,
     world: World,
     decimation: Option<Decimation>,
-    /// Bytes of parts that may wait to be written when another is begun.
+    /// Bytes of parts waiting to be written, at most, when another is begun.
     waiting_bytes: u64,
     request: &'a MeshRequest,
     output: &'a Path,
@@ -308,7 +308,7 @@ impl<P: Fn(u64, u64) -> ControlFlow<()> + Sync> Sweep<'_, P> {
         Ok(false)
     }
 
-    /// The parts of some blocks, on all threads: of the first one, and of those that follow it as long as all together fit the memory.
+    /// The parts of some blocks, on all threads: of the first one, and of those after it as long as all together fit the memory.
     fn parts(&self, targets: &[Target], jobs: &[Job]) -> Result<Vec<Part>, ReadError> {
         let held_bytes = AtomicU64::new(0);
         let part = |(i, job): (usize, &Job)| {

@@ -105,7 +105,7 @@ impl Place {
     }
 }
 
-/// Bytes that wait for their place in the output.
+/// Bytes waiting for their place in the output.
 pub(crate) struct Scratch {
     pub(crate) file: BufWriter<File>,
 }

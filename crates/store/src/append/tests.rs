@@ -5,7 +5,7 @@ use crate::downsample::Downsample;
 use crate::layout::JOURNAL_NAME;
 use crate::pack::lock::DirLock;
 use crate::pack::tests::trial::Trial;
-use crate::pack::tests::{Array, CancelledAtOnce, assert_same, files, level_voxels, mean_and_max, options, value};
+use crate::pack::tests::{Array, assert_same, files, level_voxels, mean_and_max, options, value};
 use crate::pack::{PackPlan, pack};
 use crate::verify::{documents as written, verify};
 use brickyard_import::{Access, ImportError, SourceInfo, StepTime, TimeSpan};
@@ -449,7 +449,10 @@ fn what_cannot_be_appended_to_is_refused_and_left_alone() {
     assert!(refusal(&grouped).contains("2 time steps in a shard"));
     let unfinished = dir.path().join("u.zarr");
     let create = |source: &Array<u8>| Appender::create(&unfinished, source, None, &byte_options(), &());
-    Appender::create(&unfinished, &byte_step(0), None, &byte_options(), &CancelledAtOnce).err().unwrap();
+    // Two layers of nine bricks are whole shards.
+    let failing = byte_step(0);
+    failing.fuse.store(20, Ordering::Relaxed);
+    create(&failing).err().unwrap();
     assert!(refusal(&unfinished).contains("unfinished pack"));
     // The first step continues, another one does not; and a store is not created twice.
     let message = create(&byte_step(1)).err().unwrap().to_string();

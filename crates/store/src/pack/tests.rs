@@ -105,7 +105,7 @@ pub(crate) fn options(voxel_type: VoxelType) -> PackOptions {
     }
 }
 
-/// Cancels a pack at once, which leaves it unfinished.
+/// Cancels a pack at once, which leaves nothing.
 pub(crate) struct CancelledAtOnce;
 
 impl Progress for CancelledAtOnce {

@@ -26,7 +26,7 @@ const MESH_FILE: &str = "brickyard.ply";
 const MESHES_FILE: &str = "brickyard.glb";
 
 /// Names of exports, by their formats.
-const FORMATS: &str = "The name tells the format: it ends in .zarr, .nii, .nii.gz, .nrrd, .seg.nrrd (labels), .mha, .mhd, .vti, .pvd, .tif \
+const FORMATS: &str = "the name chooses the format, ending in .zarr, .nii, .nii.gz, .nrrd, .seg.nrrd (labels), .mha, .mhd, .vti, .pvd, .tif \
     (ImageJ), .ome.tif, .npy (NumPy), .raw or, for a folder of PNG planes, /";
 
 /// Most pixels of a picture along an axis.
