@@ -32,6 +32,12 @@ pub(crate) fn check_segments(volume: &Volume) -> Result<(), ExportError> {
             "a .seg.nrrd file holds labels, and the store is an image: choose .nrrd, or make it labels by `edit`";
         return Err(ExportError::unfit(volume.output, problem));
     }
+    if volume.info.voxel_type.is_float() {
+        // Fractions and NaN would be labels to whoever reads it.
+        let problem =
+            "a .seg.nrrd file holds whole numbers as labels, and the store's are floats: choose .nrrd, .nii or .raw";
+        return Err(ExportError::unfit(volume.output, problem));
+    }
     volume.check_one_channel(FORMAT)?;
     volume.check_one_step(FORMAT)
 }

@@ -88,7 +88,7 @@ impl Pieces {
         let mut next = 0;
         let mut regions = &regions[..];
         while !regions.is_empty() {
-            // As many as weigh no more than the heaviest one for each thread would.
+            // Regions which together weigh no more than one of the greatest for each thread.
             let most = rayon::current_num_threads() as u64 * MOST_WEIGHT;
             let sums = regions.iter().scan(0, |sum, region| {
                 *sum += region.iter().map(|entry| entry.counts.weight()).sum::<u64>();

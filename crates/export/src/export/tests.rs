@@ -318,6 +318,7 @@ fn what_a_format_cannot_hold_is_refused_with_formats_that_can() {
         time: ExportTime::Steps { first: 0, end: store.times(), stride: 1 },
         ..ExportRequest::default()
     };
+    let labels_in_floats = TestStore::of_kind(SourceInfo { voxel_type: VoxelType::F32, ..info() }, Kind::Labels);
     for (test, name, words) in [
         (of(VoxelType::F32, 1, 1), "a/", "PNG holds u8 and u16, not f32: choose .tif"),
         (of(VoxelType::I16, 1, 1), "a/", "not i16"),
@@ -330,6 +331,7 @@ fn what_a_format_cannot_hold_is_refused_with_formats_that_can() {
         (of(VoxelType::U8, 1, 1), "a b.mhd", "without blanks"),
         (of(VoxelType::U8, 1, 1), "a\\b.pvd", "choose one of letters"),
         (of(VoxelType::U8, 1, 1), "a.seg.nrrd", "the store is an image: choose .nrrd"),
+        (labels_in_floats, "a.seg.nrrd", "the store's are floats: choose .nrrd"),
     ] {
         let out = tempfile::tempdir().unwrap();
         let error = export(&test.store, &out.path().join(name), &request(&test.store), go_on).unwrap_err();
