@@ -26,8 +26,11 @@ imagecodecs==2026.3.6
 imageio==2.38.1
 mrcfile==1.5.4
 netcdf4==1.7.5.1.post1
+ngff-zarr==0.50.0
 nibabel==5.4.2
+numcodecs==0.16.6
 numpy==2.4.6
+ome-zarr==0.18.0
 pillow==13.0.0
 pydicom==3.0.2
 pyjpegls==1.5.1
@@ -41,6 +44,7 @@ scipy==1.17.1
 simpleitk==2.5.7
 tifffile==2026.3.3
 vtk==9.7.2
+zarr==3.1.6
 """
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 DATA = ROOT / "target/data/collections"
@@ -124,11 +128,14 @@ def main():
     from differential_cases import all_collection_cases
     from differential_channels import KINDS as CHANNEL_KINDS
     from differential_hdf5 import KINDS as HDF5_KINDS
+    from differential_ome_zarr import KINDS as OME_ZARR_KINDS
     from differential_written import written_cases
+    from differential_zarr import KINDS as ZARR_KINDS
     from differential_check import Checker
 
     cases = all_collection_cases(DATA) + list(written_cases(a.out / "written", a.random, a.seed))
-    cases += written_cases(a.out / "written", a.random, a.seed, KINDS + CHANNEL_KINDS + HDF5_KINDS)
+    kinds = KINDS + CHANNEL_KINDS + HDF5_KINDS + ZARR_KINDS + OME_ZARR_KINDS
+    cases += written_cases(a.out / "written", a.random, a.seed, kinds)
     cases = [c for c in cases if not a.names or any(n in c.name for n in a.names)]
     checker = Checker(a.brickyard, a.out / "work", a.memory, a.timeout)
     results = []

@@ -35,6 +35,9 @@ class Reference:
     array: np.ndarray  # t, c, z, y, x; as stored, or as f64 where values are rescaled
     rescaled: bool = False
     spacing: tuple | None = None  # x, y, z
+    origin: tuple | None = None  # x, y, z
+    unit: str | None = None  # of length
+    names: list | None = None  # of channels
     matrix: np.ndarray | None = None  # world from voxel, 3 x 4, of NIfTI's world
     typed: bool = True  # whether the voxel type must be the array's
     tolerance: float = 0.0  # of lossy codecs, whose decoders round differently
@@ -278,6 +281,13 @@ def check_place(info, reference):
     close = lambda a, b: np.allclose(a, b, rtol=1e-5, atol=1e-5 * max(1e-9, float(np.abs(b).max())))
     if reference.spacing is not None and not close(info["spacing"], np.array(reference.spacing)):
         raise Wrong(f"spacing {info['spacing']}, expected {reference.spacing}")
+    if reference.origin is not None and not close(info["origin"], np.array(reference.origin)):
+        raise Wrong(f"origin {info['origin']}, expected {reference.origin}")
+    if reference.unit is not None and info["unit"] != reference.unit:
+        raise Wrong(f"unit {info['unit']}, expected {reference.unit}")
+    names = [display["name"] for display in info["displays"]]
+    if reference.names is not None and names != reference.names:
+        raise Wrong(f"names of channels {names}, expected {reference.names}")
     if reference.matrix is None:
         return
     matrix = np.asarray(reference.matrix, float)[:3]

@@ -132,3 +132,48 @@ pub(crate) mod vtk {
         Err(refuse(path))
     }
 }
+
+#[cfg(not(feature = "zarr"))]
+/// Stands in for the reader of Zarr.
+pub mod zarr {
+    use super::*;
+    use crate::image::Image;
+    use std::path::PathBuf;
+
+    /// `None`: no folder counts as one of Zarr.
+    pub fn zarr_folder(_: &Path) -> Option<PathBuf> {
+        None
+    }
+
+    /// Refuses the image.
+    ///
+    /// # Errors
+    /// Always.
+    pub fn open_image(path: &Path) -> Result<Image> {
+        Err(ImportError::unsupported_but(path, "Zarr", "this program was built without the feature `zarr`"))
+    }
+
+    /// An image or array to be chosen: none is listed.
+    pub struct Choice {
+        /// The path that names it.
+        pub path: PathBuf,
+        /// Its description.
+        pub words: String,
+    }
+
+    /// Lists nothing.
+    ///
+    /// # Errors
+    /// Never.
+    pub fn choices(_: &Path) -> Result<Vec<Choice>> {
+        Ok(Vec::new())
+    }
+
+    pub(crate) fn is_zarr(folder: &Path) -> bool {
+        ["zarr.json", ".zgroup", ".zarray"].iter().any(|name| folder.join(name).is_file())
+    }
+
+    pub(crate) fn open(path: &Path, _: &OpenOptions) -> Result<Box<dyn Source>> {
+        Err(ImportError::unsupported_but(path, "Zarr", "this program was built without the feature `zarr`"))
+    }
+}

@@ -18,7 +18,7 @@ pub(crate) struct Listed {
 }
 
 impl Listed {
-    fn describe(&self) -> String {
+    pub(crate) fn describe(&self) -> String {
         let sizes: Vec<String> = self.shape.iter().map(u64::to_string).collect();
         let axes = if sizes.is_empty() { "one element".into() } else { sizes.join(" x ") };
         format!("{} ({axes}, {})", self.path, self.element)

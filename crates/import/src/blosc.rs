@@ -266,11 +266,32 @@ fn unshuffle_bits(typesize: usize, data: &[u8], out: &mut [u8]) {
     if !count.is_multiple_of(8) || count == 0 {
         return;
     }
-    let body = &mut out[..count * typesize];
-    body.fill(0);
-    for (b, row) in data[..count * typesize].chunks_exact(count / 8).enumerate() {
-        for (i, element) in body.chunks_exact_mut(typesize).enumerate() {
-            element[b / 8] |= (row[i / 8] >> (i % 8) & 1) << (b % 8);
+    let bytes = count * typesize;
+    join_bits(typesize, &data[..bytes], &mut out[..bytes]);
+}
+
+/// Puts bits back: `bits` holds bit 0 of byte 0 of all elements, then bit 1, ..., then those of byte 1. Elements are a multiple of eight.
+pub(crate) fn join_bits(typesize: usize, bits: &[u8], out: &mut [u8]) {
+    let row = out.len() / typesize / 8;
+    if row == 0 {
+        return;
+    }
+    for (byte, rows) in bits.chunks_exact(8 * row).take(typesize).enumerate() {
+        for (group, elements) in out.chunks_exact_mut(8 * typesize).enumerate() {
+            let eight = transposed(std::array::from_fn(|bit| rows[bit * row + group]));
+            for (element, part) in elements.chunks_exact_mut(typesize).zip(eight) {
+                element[byte] = part;
+            }
         }
     }
+}
+
+/// Transposes 8 rows of 8 bits, in three steps of exchanged blocks.
+fn transposed(rows: [u8; 8]) -> [u8; 8] {
+    let mut bits = u64::from_le_bytes(rows);
+    for (shift, mask) in [(7, 0x00aa_00aa_00aa_00aa), (14, 0x0000_cccc_0000_cccc), (28, 0x0000_0000_f0f0_f0f0)] {
+        let swap = (bits ^ bits >> shift) & mask;
+        bits ^= swap ^ swap << shift;
+    }
+    bits.to_le_bytes()
 }

@@ -3,7 +3,6 @@
 use crate::dicom_files;
 use crate::error::{ImportError, Result};
 use crate::files::{is_file, listed, name_of};
-use crate::foreign;
 use crate::format::Format;
 use crate::options::OpenOptions;
 use std::collections::BTreeMap;
@@ -37,7 +36,6 @@ pub(crate) fn files_of(folder: &Path, options: &OpenOptions, read: &str) -> Resu
         found.iter().map(|(format, files)| format!("{} {}", files.len(), format.name())).collect();
     match &counts[..] {
         [] => {
-            foreign::refuse_folder(folder)?;
             let problem = match &folders_in(folder)?[..] {
                 [] => format!("a folder without readable files; supported are: {read}"),
                 [one] => format!("holds no readable file, but the folder {one}: pass that"),

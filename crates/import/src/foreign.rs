@@ -66,16 +66,6 @@ pub(crate) fn refuse(path: &Path, name: &str) -> Result<()> {
     }
 }
 
-/// Refuses a folder of a known but unsupported format: Zarr.
-pub(crate) fn refuse_folder(folder: &Path) -> Result<()> {
-    let zarr = ["zarr.json", ".zgroup", ".zarray", ".zattrs"];
-    let advice = "export it to .npy or TIFF, or render it where brickyard packed it";
-    match zarr.iter().any(|name| folder.join(name).is_file()) {
-        true => Err(ImportError::unsupported_but(folder, "a Zarr folder as an input", advice)),
-        false => Ok(()),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -107,9 +97,6 @@ mod tests {
             let message = open(&[path], &OpenOptions::default()).err().unwrap().to_string();
             assert!(message.contains(what), "{message}");
         }
-        let (folder, _) = temp_file("zarr.json", b"{}");
-        let message = open(&[folder.path().to_owned()], &OpenOptions::default()).err().unwrap().to_string();
-        assert!(message.contains("a Zarr folder"), "{message}");
     }
 
     #[test]

@@ -25,6 +25,8 @@ pub(crate) enum Format {
     Grids,
     Bdv,
     NetCdf,
+    /// A folder of arrays.
+    Zarr,
     Raw,
 }
 
@@ -113,6 +115,7 @@ impl Format {
             Self::Grids => "grid list",
             Self::Bdv => "BigDataViewer",
             Self::NetCdf => "NetCDF",
+            Self::Zarr => "Zarr",
             Self::Raw => "raw",
         }
     }

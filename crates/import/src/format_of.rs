@@ -5,7 +5,9 @@ use crate::error::{ImportError, Result};
 use crate::files::{first_bytes, name_of};
 use crate::format::{Format, PictureKind};
 use crate::options::OpenOptions;
-use crate::{bov, envi, foreign, grids, hdf5, meta_image, mrc, netcdf, npy, npz, nrrd, raw_text, tiff_stack, vtk};
+use crate::{
+    bov, envi, foreign, grids, hdf5, meta_image, mrc, netcdf, npy, npz, nrrd, raw_text, tiff_stack, vtk, zarr,
+};
 use std::path::Path;
 
 /// Readable formats and their names, for the message about an unknown one.
@@ -14,10 +16,13 @@ pub(crate) const READ: &str = "raw (.raw, .bin, .dat, or any file with `shape` a
                     MRC and CCP4 (.mrc, .map), VTK images (.vti, .vtk, .pvd), ENVI (.hdr), BOV (.bov), \
                     HDF5 (.h5, .hdf5, .ims), BigDataViewer (.xml), NetCDF (.nc), MINC 1 (.mnc), \
                     TIFF (.tif, .tiff, .companion.ome), pictures of a stack (.png, .jpg, .bmp), \
-                    DICOM (a folder, files or one file of a series), lists of grids (.json), and folders of files of one of these";
+                    DICOM (a folder, files or one file of a series), OME-Zarr and Zarr (a folder), lists of grids (.json), and folders of files of one of these";
 
 /// Finds the format of a file. With a shape it is raw, whatever it holds.
 pub(crate) fn format_of(path: &Path, options: &OpenOptions) -> Result<Format> {
+    if zarr::is_zarr(path) {
+        return Ok(Format::Zarr);
+    }
     check_kind(path)?;
     if options.shape.is_some() {
         return Ok(Format::Raw);

@@ -6,7 +6,6 @@
 mod attributes;
 mod axes;
 mod bdv;
-mod blosclz;
 mod bytes;
 mod cf;
 mod chunks;

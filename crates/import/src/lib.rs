@@ -15,7 +15,8 @@
         feature = "npz",
         feature = "pictures",
         feature = "tiff",
-        feature = "vtk"
+        feature = "vtk",
+        feature = "zarr"
     )),
     allow(dead_code, reason = "some of what readers share is shared by these")
 )]
@@ -26,7 +27,8 @@
     feature = "npz",
     feature = "pictures",
     feature = "tiff",
-    feature = "vtk"
+    feature = "vtk",
+    feature = "zarr"
 )))]
 mod absent;
 #[cfg(test)]
@@ -35,12 +37,16 @@ mod array_choice;
 mod axes;
 mod batches;
 pub mod blosc;
+#[cfg(any(feature = "hdf5", feature = "zarr"))]
+mod blosclz;
 mod body;
 mod bov;
 mod boxes;
 mod cf;
 mod channels;
 mod choice;
+#[cfg(any(feature = "hdf5", feature = "zarr"))]
+mod chunk_grid;
 mod component;
 mod conversion;
 mod converted;
@@ -67,6 +73,9 @@ mod gzip;
 #[cfg(feature = "hdf5")]
 mod hdf5;
 mod header_lines;
+mod image;
+#[cfg(any(feature = "hdf5", feature = "zarr"))]
+mod inflate;
 mod labels;
 mod lengths;
 mod looks;
@@ -106,6 +115,8 @@ mod step_time;
 #[cfg(test)]
 mod steps_tests;
 mod strided;
+#[cfg(feature = "zarr")]
+mod strided_copy;
 mod synth;
 mod taken;
 pub mod temporary;
@@ -120,6 +131,8 @@ mod variable;
 #[cfg(feature = "vtk")]
 mod vtk;
 mod write_raw;
+#[cfg(feature = "zarr")]
+pub mod zarr;
 
 #[cfg(not(feature = "dicom"))]
 use absent::dicom;
@@ -133,12 +146,15 @@ use absent::pictures;
 use absent::tiff_stack;
 #[cfg(not(feature = "vtk"))]
 use absent::vtk;
+#[cfg(not(feature = "zarr"))]
+pub use absent::zarr;
 pub use axes::AxisOrder;
 pub use choice::{ChannelChoice, StepChoice};
 pub use described::Described;
 pub use element::{Element, Endian};
 pub use error::{ImportError, is_of_process, limit_behind};
 pub use format::has_known_name;
+pub use image::{Image, ImageLevel, Presentation};
 pub use labels::SaidKind;
 #[cfg(feature = "mesh")]
 pub use mesh::read_mesh;

@@ -31,7 +31,7 @@ pub(crate) enum Setting {
 
 impl Note {
     /// Creates a routine remark.
-    pub(crate) fn new(text: impl Into<String>) -> Self {
+    pub fn new(text: impl Into<String>) -> Self {
         Self { text: text.into(), is_warning: false, settled_by: None, changed: 0 }
     }
 

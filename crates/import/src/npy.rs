@@ -70,7 +70,7 @@ fn arrange(shape: &[u64], axes: Option<&AxisOrder>) -> Result<AxisOrder, String>
     };
     if axes.axes().len() != shape.len() {
         return Err(format!(
-            "axes '{axes}' name {}, but the shape is {shape:?}",
+            "axes '{axes}' name {}, but the shape is {shape:?}; name its dimensions with `axes`",
             counted(axes.axes().len() as u64, "dimension")
         ));
     }

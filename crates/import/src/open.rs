@@ -25,6 +25,7 @@ use crate::time::override_time;
 use crate::variable::{check_inputs, split_variable};
 use crate::{
     bov, dicom, envi, grids, hdf5, meta_image, mrc, netcdf, nifti, npy, npz, nrrd, pictures, raw_text, tiff_stack, vtk,
+    zarr,
 };
 use brickyard_volume::counted;
 use std::collections::HashSet;
@@ -172,7 +173,7 @@ fn paths_of(inputs: &[PathBuf], options: &OpenOptions) -> Result<Named> {
     let named = |paths, is_folder, is_unordered| Named { paths, is_folder, is_unordered };
     Ok(match inputs {
         [] => return Err(ImportError::options(Path::new("input"), "none given")),
-        [folder] if folder.is_dir() => named(files_of(folder, options, READ)?, true, true),
+        [folder] if folder.is_dir() && !zarr::is_zarr(folder) => named(files_of(folder, options, READ)?, true, true),
         [one] => match pattern::expand(one)? {
             Some(files) => named(files, false, true),
             None => named(vec![one.clone()], false, false),
@@ -263,6 +264,9 @@ pub fn redescribe(info: &mut SourceInfo, options: &OpenOptions, path: &Path) -> 
 /// # Errors
 /// As for [`open`], if it cannot.
 pub fn check_folder(folder: &Path) -> Result<(), ImportError> {
+    if zarr::is_zarr(folder) {
+        return Ok(());
+    }
     files_of(folder, &OpenOptions::default(), READ).map(|_| ())
 }
 
@@ -305,6 +309,7 @@ fn open_one(path: &Path, format: Format, options: &OpenOptions) -> Result<Box<dy
         Format::Hdf5 => hdf5::open(path, options)?,
         Format::NetCdf => netcdf::open(path, options)?,
         Format::Bdv => hdf5::open_spim_data(path, options)?,
+        Format::Zarr => zarr::open(path, options)?,
         Format::Grids => return Err(grids::nested(path)),
     })
 }
@@ -358,8 +363,8 @@ fn open_tiffs(paths: &[PathBuf], options: &OpenOptions) -> Result<Box<dyn Source
 /// Refuses options without effect on the format: their caller expects other voxels.
 fn check_used(format: Format, path: &Path, options: &OpenOptions) -> Result<()> {
     let has_planes = matches!(format, Format::Tiff | Format::Picture(_));
-    let has_axes =
-        has_planes || matches!(format, Format::Raw | Format::Npy | Format::Npz | Format::Hdf5 | Format::NetCdf);
+    let has_axes = has_planes
+        || matches!(format, Format::Raw | Format::Npy | Format::Npz | Format::Hdf5 | Format::NetCdf | Format::Zarr);
     let counts_axes = format == Format::Raw || has_planes && options.axes.is_some();
     let of_axes = if has_planes { "raw files, and of TIFF and pictures with `axes`" } else { "raw files" };
     let (raw, is_raw) = ("raw files, with `shape`", format == Format::Raw);
@@ -371,7 +376,7 @@ fn check_used(format: Format, path: &Path, options: &OpenOptions) -> Result<()> 
         ("channel_bytes", options.channel_bytes.is_some(), is_raw, raw),
         ("channels", options.channels.is_some(), counts_axes, of_axes),
         ("times", options.times.is_some(), counts_axes, of_axes),
-        ("axes", options.axes.is_some(), has_axes, "raw files, .npy, .npz, HDF5, NetCDF, TIFF and pictures"),
+        ("axes", options.axes.is_some(), has_axes, "raw files, .npy, .npz, HDF5, NetCDF, Zarr, TIFF and pictures"),
         (
             "variable",
             options.variable.is_some(),
@@ -385,8 +390,9 @@ fn check_used(format: Format, path: &Path, options: &OpenOptions) -> Result<()> 
                     | Format::Npz
                     | Format::Vtk
                     | Format::Pvd
+                    | Format::Zarr
             ),
-            "files of several arrays (HDF5, NetCDF, .npz, VTK) and DICOM series",
+            "files of several arrays (HDF5, NetCDF, .npz, VTK, Zarr) and DICOM series",
         ),
         ("gaps", options.gaps != Gaps::default(), matches!(format, Format::Dicom | Format::Grids), "DICOM series"),
     ];

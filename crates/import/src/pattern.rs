@@ -3,6 +3,7 @@
 
 use crate::error::{ImportError, Result};
 use crate::files::is_file;
+use crate::zarr;
 use std::path::{Path, PathBuf};
 
 /// Most files listed in a message.
@@ -17,7 +18,7 @@ enum Pattern {
     Numbered { before: String, digits: usize, after: String },
 }
 
-/// Lists the files that match a pattern, in no order; `None` if the path is no pattern, or an existing file.
+/// Lists the files that match a pattern, or where none does the folders of Zarr, in no order; `None` if the path is no pattern, or an existing file.
 ///
 /// # Errors
 /// If no file matches, the pattern is malformed, or its folder cannot be read.
@@ -31,22 +32,27 @@ pub(crate) fn expand(path: &Path) -> Result<Option<Vec<PathBuf>>> {
     };
     let parent = path.parent().filter(|parent| !parent.as_os_str().is_empty());
     let folder = parent.unwrap_or(Path::new("."));
-    let (mut found, mut others) = (Vec::new(), Vec::new());
+    let (mut found, mut stores, mut others) = (Vec::new(), Vec::new(), Vec::new());
     for entry in std::fs::read_dir(folder).map_err(ImportError::io(folder))? {
         let name = entry.map_err(ImportError::io(folder))?.file_name();
         let file = parent.map_or_else(|| PathBuf::from(&name), |parent| parent.join(&name));
         let name = name.to_string_lossy();
         // As in a shell, hidden files need an explicit dot.
-        if pattern.fits(&name) && (!name.starts_with('.') || pattern.is_hidden()) && is_file(&file)? {
+        let is_meant = pattern.fits(&name) && (!name.starts_with('.') || pattern.is_hidden());
+        if is_meant && is_file(&file)? {
             found.push(file);
+        } else if is_meant && zarr::is_zarr(&file) {
+            stores.push(file);
         } else if !name.starts_with('.') {
             others.push(name.into_owned());
         }
     }
-    if found.is_empty() {
-        return Err(ImportError::options(path, nothing_fits(folder, path, others)));
+    // Beside files, a folder is some other program's output, or this one's.
+    let found = if found.is_empty() { stores } else { found };
+    match found.is_empty() {
+        true => Err(ImportError::options(path, nothing_fits(folder, path, others))),
+        false => Ok(Some(found)),
     }
-    Ok(Some(found))
 }
 
 /// Describes a folder without matching files, those with the same extension first.

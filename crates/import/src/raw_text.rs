@@ -97,8 +97,13 @@ pub(crate) fn open(path: &Path, told: &OpenOptions) -> Result<RawSource> {
     let layout = RawLayout::of(&options);
     let needed =
         "has no `shape` or no `dtype`: both are needed, as in {\"shape\": [256, 256, 108], \"dtype\": \"u16\"}";
-    let mut source = RawSource::mapped(&raw, &layout.ok_or_else(|| ImportError::invalid(text, needed))?)?
-        .with_losses(fields.nodata, told)?;
+    let layout = layout.ok_or_else(|| ImportError::invalid(text, needed))?;
+    let mapped = RawSource::mapped(&raw, &layout).map_err(|error| match error {
+        // The text's own numbers, which no flag replaces.
+        ImportError::Options { problem, .. } => ImportError::invalid(text, problem),
+        error => error,
+    });
+    let mut source = mapped?.with_losses(fields.nodata, told)?;
     let mut told = Ok(());
     source = source.described(|info| {
         told = (|| {

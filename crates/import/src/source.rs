@@ -230,6 +230,11 @@ pub trait Source: Send + Sync {
         self.beneath().map_or(Access::Box, |source| source.access())
     }
 
+    /// Voxels of the smallest piece decoded alone; `None` if a box costs its own bytes, or nothing is known.
+    fn piece(&self) -> Option<Extent> {
+        self.beneath().and_then(|source| source.piece())
+    }
+
     /// Most memory in bytes of one thread reading a box, besides the filled buffer.
     fn reader_bytes(&self) -> u64 {
         self.beneath().map_or(0, |source| source.reader_bytes())

@@ -4,7 +4,7 @@ use crate::error::{ImportError, Result};
 use crate::options::{ArrayPlace, ChannelArray, OpenOptions};
 use std::path::{Path, PathBuf};
 
-const MARK: &str = "::";
+pub(crate) const MARK: &str = "::";
 
 impl ChannelArray {
     /// Reads `NAME=FILE`, a channel's name and its file. The name ends at the first `=`; everything behind is the file's, or the array's within it
@@ -87,6 +87,11 @@ pub(crate) fn split_variable(inputs: &[PathBuf], options: &OpenOptions) -> Resul
         paths.push(path);
     }
     Ok((paths, options))
+}
+
+/// A path without the name of a dataset, and the name, if there is one.
+pub(crate) fn split_choice(path: &Path) -> (PathBuf, Option<String>) {
+    split(path).map_or_else(|| (path.to_owned(), None), |(path, name)| (path, Some(name)))
 }
 
 /// The path and the dataset of an input; `None` without the mark, and for a file that bears it.

@@ -75,7 +75,7 @@ fn letter(dim: &Dim) -> Option<Axis> {
     dim.scale.as_ref().and_then(|scale| scale.letter).or_else(|| letter_of(dim.name.as_deref()?))
 }
 
-fn letter_of(name: &str) -> Option<Axis> {
+pub(crate) fn letter_of(name: &str) -> Option<Axis> {
     Some(match name.to_lowercase().as_str() {
         "t" | "time" => Axis::T,
         "c" | "channel" | "channels" => Axis::C,

@@ -2,6 +2,7 @@
 //! and costs 24 bytes per chunk; a decoded chunk is kept for its neighbours in a cache.
 
 use super::filters;
+use crate::chunk_grid::{place_of, step, strides};
 use crate::element::Decode;
 use crate::error::{ImportError, Result};
 use crate::mapped::MappedFile;
@@ -215,35 +216,4 @@ impl Chunks {
             }
         }
     }
-}
-
-/// Bytes between neighbours of a dense array, the last axis fastest.
-fn strides(shape: &[u64], element_bytes: usize) -> Vec<usize> {
-    let mut strides = vec![element_bytes; shape.len()];
-    for a in (1..shape.len()).rev() {
-        strides[a - 1] = strides[a] * shape[a] as usize;
-    }
-    strides
-}
-
-/// The place of a number in a grid, the last axis fastest.
-fn place_of(mut number: u64, grid: &[u64]) -> Vec<u64> {
-    let mut place = vec![0; grid.len()];
-    for a in (0..grid.len()).rev() {
-        place[a] = number % grid[a];
-        number /= grid[a];
-    }
-    place
-}
-
-/// Moves to the next place between `first` and `last`, the last axis fastest; false after the end.
-fn step(place: &mut [u64], first: &[u64], last: &[u64]) -> bool {
-    for a in (0..place.len()).rev() {
-        if place[a] < last[a] {
-            place[a] += 1;
-            return true;
-        }
-        place[a] = first[a];
-    }
-    false
 }

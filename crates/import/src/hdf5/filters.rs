@@ -1,8 +1,8 @@
 //! Filters of chunks, undone one by one: the parser's own (deflate, shuffle, Fletcher-32, szip, n-bit, scale-offset), and LZF, LZ4,
 //! bitshuffle, Zstandard and Blosc here. No stage may grow beyond a bound. Costs one copy of the chunk per filter.
 
-use super::blosclz;
 use crate::blosc;
+use crate::inflate;
 use hdf5_reader::FilterRegistry;
 use hdf5_reader::filters::{FILTER_FLETCHER32, FILTER_SHUFFLE, fletcher32, shuffle};
 use hdf5_reader::messages::filter_pipeline::FilterDescription;
@@ -176,32 +176,8 @@ fn lz4(input: &[u8], bound: usize) -> Option<Vec<u8>> {
 fn of_blosc(input: &[u8], bound: usize) -> Result<Vec<u8>, String> {
     let total = blosc::decoded_bytes(input).filter(|total| *total <= bound).ok_or("damaged Blosc data")?;
     let mut output = vec![0; total];
-    let decoded = blosc::decode(input, &mut output, &mut Vec::new(), |compressor, coded, part| {
-        let count = match compressor {
-            blosc::BLOSCLZ => blosclz::decode(coded, part),
-            blosc::LZ4 => lz4_flex::block::decompress_into(coded, part).ok(),
-            blosc::ZLIB => inflated(coded, part),
-            blosc::ZSTD => zstd::bulk::decompress_to_buffer(coded, part).ok(),
-            other => return Err(format!("Blosc with {} is not supported", blosc::name_of(other))),
-        };
-        match count == Some(part.len()) {
-            true => Ok(()),
-            false => Err(format!("damaged {} data of Blosc", blosc::name_of(compressor))),
-        }
-    });
-    match decoded {
-        Ok(()) => Ok(output),
-        Err(blosc::Failure::Stream(problem)) => Err(problem),
-        Err(blosc::Failure::Version(version)) => Err(format!("Blosc's format {version} is not supported")),
-        Err(other) => Err(format!("damaged Blosc data ({other:?})")),
-    }
-}
-
-/// Inflates a zlib stream; `None` if it is damaged or longer than `out`.
-fn inflated(coded: &[u8], out: &mut [u8]) -> Option<usize> {
-    let mut inflate = flate2::Decompress::new(true);
-    let status = inflate.decompress(coded, out, flate2::FlushDecompress::Finish).ok()?;
-    (status == flate2::Status::StreamEnd).then_some(inflate.total_out() as usize)
+    inflate::blosc(input, &mut output)?;
+    Ok(output)
 }
 
 /// Undoes bitshuffle, and LZ4 (2) or Zstandard (3) of its blocks.
@@ -250,36 +226,10 @@ fn bitshuffle(input: &[u8], settings: &[u32], bound: usize) -> Option<Vec<u8>> {
             }
             &buffer[..]
         };
-        unshuffle_bits(bits, part, size);
+        blosc::join_bits(size, bits, part);
     }
     tail.copy_from_slice(rest.get(..tail.len())?);
     Some(output)
-}
-
-/// Puts bits back: a block holds bit 0 of byte 0 of all elements, then bit 1, ..., then those of byte 1.
-fn unshuffle_bits(bits: &[u8], output: &mut [u8], size: usize) {
-    let row = output.len() / size / 8;
-    for byte in 0..size {
-        for group in 0..row {
-            let mut matrix = [0; 8];
-            for (bit, part) in matrix.iter_mut().enumerate() {
-                *part = bits[(byte * 8 + bit) * row + group];
-            }
-            for (i, part) in transposed(matrix).into_iter().enumerate() {
-                output[(group * 8 + i) * size + byte] = part;
-            }
-        }
-    }
-}
-
-/// Transposes 8 rows of 8 bits, in three steps of exchanged blocks.
-fn transposed(rows: [u8; 8]) -> [u8; 8] {
-    let mut bits = u64::from_le_bytes(rows);
-    for (shift, mask) in [(7, 0x00aa_00aa_00aa_00aa), (14, 0x0000_cccc_0000_cccc), (28, 0x0000_0000_f0f0_f0f0)] {
-        let swap = (bits ^ bits >> shift) & mask;
-        bits ^= swap ^ swap << shift;
-    }
-    bits.to_le_bytes()
 }
 
 #[cfg(test)]

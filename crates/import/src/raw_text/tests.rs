@@ -1,5 +1,6 @@
 //! Texts beside raw files of known bytes.
 
+use crate::error::ImportError;
 use crate::labels::SaidKind;
 use crate::open::open;
 use crate::options::{NoData, OpenOptions};
@@ -101,6 +102,9 @@ fn texts_that_say_too_little_or_too_much_are_refused() {
     std::fs::write(folder.path().join("a.dat"), "another").unwrap();
     assert!(opened(&folder.path().join("a.json")).err().unwrap().contains("has no `file`"));
     assert!(with(r#""times": 3"#, r#""times": 4"#).contains("expected 389 bytes"));
+    let folder = written("a.json", &TEXT.replace("[4, 3, 2]", "[4, 0, 2]"));
+    let error = open(&[folder.path().join("a.json")], &OpenOptions::default()).err().unwrap();
+    assert!(matches!(error, ImportError::Invalid { .. }) && error.to_string().contains("size 0"), "{error}");
     assert!(refusal("{").contains("a mistake in this description"));
     let folder = written("a.json", &TEXT.replace("a.raw", "c.raw"));
     assert!(opened(&folder.path().join("a.raw")).err().unwrap().contains("describes"));

@@ -4,7 +4,7 @@
 const NEAR: usize = 8191;
 
 /// Decodes a stream into `out` and returns the number of bytes; `None` if it is damaged or longer.
-pub(super) fn decode(stream: &[u8], out: &mut [u8]) -> Option<usize> {
+pub(crate) fn decode(stream: &[u8], out: &mut [u8]) -> Option<usize> {
     let mut rest = stream;
     let mut written = 0;
     // Upper bits of the first control byte, which is of a run, are the format's version.
