@@ -2,7 +2,7 @@
 
 use std::str::FromStr;
 
-/// A version of OME-Zarr.
+/// A version of OME-Zarr for exports, with one older than those of stores.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Ngff {
     /// 0.4, in Zarr 2: for older programs.

@@ -1,5 +1,5 @@
-//! OME-Zarr: a folder of arrays, one for each level. `pack` writes the exported part as a store, which is OME-Zarr 0.5, under a temporary name: coarser
-//! levels, windows and memory are its work. For 0.6 another root document describes it, without the side data; for 0.4 its bricks become the chunk files
+//! OME-Zarr: a folder of arrays, one for each level. `pack` writes the exported part as a store, which is OME-Zarr 0.5 or 0.6, under a temporary name: coarser
+//! levels, windows and memory are its work. For 0.6 the side data go, with their part of the root document; for 0.4 its bricks become the chunk files
 //! of Zarr 2, with about as many bytes on the disk again until it is complete.
 
 mod chunk_files;
@@ -93,8 +93,7 @@ pub(crate) fn write(job: &Job, written: &Written) -> Result<(), ExportError> {
                 let side = stored.layout().side_dir(&packed, Level(k as u8));
                 std::fs::remove_dir_all(side).map_err(ExportError::io(job.output))?;
             }
-            let placement = stored.info().orientation.is_some().then(|| stored.placement().rows());
-            let root = in_version_0_6(&read(job, &packed.join("zarr.json"))?, labels.as_ref(), placement);
+            let root = in_version_0_6(&read(job, &packed.join("zarr.json"))?, labels.as_ref());
             save(job, &packed.join("zarr.json"), &root)?;
             packed
         }
@@ -137,6 +136,7 @@ fn pack_options(job: &Job, written: &Written) -> PackOptions {
         downsample,
         kind: stored.kind,
         name: stored.name.clone(),
+        ngff: Some(if written.version == Ngff::V06 { brickyard_store::Ngff::V06 } else { brickyard_store::Ngff::V05 }),
         memory_bytes: job.memory_bytes,
         threads,
         ..PackOptions::new(info.voxel_type)

@@ -1,15 +1,10 @@
-//! The documents of OME-Zarr 0.4 and 0.6, from those of 0.5 as the store writes them.
+//! The documents of OME-Zarr 0.4 and 0.6, from those which the store writes.
 
 use super::chunk_files::ZLIB_LEVEL;
 use brickyard_store::metadata::document_bytes;
 use brickyard_store::{Kind, Store, creator};
-use serde_json::{Map, Value, json};
+use serde_json::{Value, json};
 use std::path::Path;
-
-/// Name of the system of spacing and origin.
-const PHYSICAL: &str = "physical";
-/// Name of the system of a patient.
-const PATIENT: &str = "patient";
 
 /// The mark of a label image, with its colours.
 pub(super) struct Labels {
@@ -99,97 +94,11 @@ pub(super) fn of_old_array(array: &Value) -> OldDocuments {
     OldDocuments { own: (".zarray", document), attributes }
 }
 
-/// The root group's document of 0.6, from that of 0.5. `placement` maps x, y, z to millimetres to the right, front and head.
-pub(super) fn in_version_0_6(root: &Value, labels: Option<&Labels>, placement: Option<[[f64; 4]; 3]>) -> Value {
-    let old = &root["attributes"]["ome"];
-    let from = &old["multiscales"][0];
-    let axes = from["axes"].as_array().cloned().unwrap_or_default();
-    let datasets = from["datasets"].as_array().into_iter().flatten().map(|dataset| {
-        json!({
-            "path": dataset["path"],
-            "coordinateTransformations": [{
-                "type": "sequence",
-                "input": { "path": dataset["path"] },
-                "output": { "name": PHYSICAL },
-                "transformations": dataset["coordinateTransformations"],
-            }],
-        })
-    });
-    let mut multiscale = json!({
-        "type": from["type"],
-        "coordinateSystems": [{ "name": PHYSICAL, "axes": axes }],
-        "datasets": datasets.collect::<Vec<Value>>(),
-    });
-    if let Some(name) = from.get("name") {
-        multiscale["name"] = name.clone();
-    }
-    if let Some(rows) = placement {
-        let patient = json!({ "name": PATIENT, "axes": axes.iter().map(of_patient).collect::<Vec<Value>>() });
-        multiscale["coordinateSystems"] = json!([multiscale["coordinateSystems"][0], patient]);
-        multiscale["coordinateTransformations"] = json!([{
-            "type": "affine",
-            "input": { "name": PHYSICAL },
-            "output": { "name": PATIENT },
-            "affine": affine(axes.len(), rows),
-        }]);
-    }
-    let mut ome = Map::new();
-    ome.insert("version".into(), json!("0.6"));
-    ome.insert("multiscales".into(), json!([multiscale]));
-    if let Some(omero) = old.get("omero") {
-        ome.insert("omero".into(), omero.clone());
-    }
+/// The root group's document of 0.6 for others, from that of a store of 0.6.
+pub(super) fn in_version_0_6(root: &Value, labels: Option<&Labels>) -> Value {
+    let mut ome = root["attributes"]["ome"].clone();
     if let Some(labels) = labels {
-        ome.insert("image-label".into(), labels.part());
+        ome["image-label"] = labels.part();
     }
     json!({ "zarr_format": 3, "node_type": "group", "attributes": { "ome": ome, "_creator": creator() } })
-}
-
-/// An axis in the system of a patient. Directions of x, y, z are told as in RFC 4, which readers of 0.6 may ignore.
-fn of_patient(axis: &Value) -> Value {
-    let towards = match axis["name"].as_str() {
-        Some("x") => "left-to-right",
-        Some("y") => "posterior-to-anterior",
-        Some("z") => "inferior-to-superior",
-        _ => return axis.clone(),
-    };
-    let orientation = json!({ "type": "anatomical", "value": towards });
-    json!({ "name": axis["name"], "type": "space", "unit": "millimeter", "orientation": orientation })
-}
-
-/// The matrix over all axes, of which z, y, x are the last: a row for each, with the offset at its end.
-fn affine(axes: usize, rows: [[f64; 4]; 3]) -> Vec<Vec<f64>> {
-    let others = axes.saturating_sub(3);
-    let row = |i: usize| -> Vec<f64> {
-        let mut row = vec![0.0; axes + 1];
-        if i < others {
-            row[i] = 1.0;
-            return row;
-        }
-        let from = rows[2 - (i - others)];
-        for (place, of_axis) in row[others..].iter_mut().zip([from[2], from[1], from[0], from[3]]) {
-            *place = of_axis;
-        }
-        row
-    };
-    (0..axes).map(row).collect()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_matrix_of_x_y_z_becomes_one_of_all_axes_in_their_order() {
-        let rows = [[1.0, 2.0, 3.0, 4.0], [5.0, 6.0, 7.0, 8.0], [9.0, 10.0, 11.0, 12.0]];
-        assert_eq!(
-            affine(4, rows),
-            [
-                [1.0, 0.0, 0.0, 0.0, 0.0],
-                [0.0, 11.0, 10.0, 9.0, 12.0],
-                [0.0, 7.0, 6.0, 5.0, 8.0],
-                [0.0, 3.0, 2.0, 1.0, 4.0],
-            ]
-        );
-    }
 }
