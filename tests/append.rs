@@ -238,7 +238,7 @@ fn what_does_not_fit_is_refused_with_both_values_and_changes_nothing() {
         (
             &format!("append other.zarr s2.raw {raw}"),
             3,
-            &["a Zarr without brickyard's side data is not supported; export it"],
+            &["a Zarr without brickyard's side data is not supported", "brickyard pack"],
         ),
         (&format!("append folder s2.raw {raw}"), 2, &["folder", "left alone"]),
         ("append out.zarr", 2, &["FILE"]),

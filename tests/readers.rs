@@ -21,6 +21,11 @@ fn labels_in_an_image_are_found_by_zarr_python() {
 }
 
 #[test]
+fn stores_of_ome_zarr_0_6_are_valid_and_read_by_zarr_python() {
+    Sandbox::default().python("ngff_stores.py");
+}
+
+#[test]
 fn slices_of_scans_in_any_orientation_are_those_that_simpleitk_resamples() {
     Sandbox::default().python("orientation.py");
 }
@@ -38,4 +43,9 @@ fn tiff_files_are_what_they_say_of_themselves() {
 #[test]
 fn exports_are_what_nibabel_simpleitk_tifffile_and_pillow_read() {
     Sandbox::default().python("export_files.py");
+}
+
+#[test]
+fn zarr_of_zarr_python_is_drawn_and_exported_where_it_lies() {
+    Sandbox::default().python("foreign_zarr.py");
 }

@@ -276,7 +276,10 @@ pub fn program(name: &str) -> Command {
     let test = std::env::current_exe().expect("this program has a path");
     let path = test.ancestors().nth(2).expect("target/PROFILE/deps/test").join(name);
     assert!(path.is_file(), "{} is not built: run `cargo build --all-targets` (tools/test does)", path.display());
-    Command::new(path)
+    let mut program = Command::new(path);
+    // Nothing goes into the cache of whoever runs the tests.
+    program.env("BRICKYARD_CACHE", "");
+    program
 }
 
 /// Runs `brickyard` with arguments and returns (exit code, standard output, standard error).

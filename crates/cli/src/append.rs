@@ -77,7 +77,7 @@ pub(crate) fn run(arguments: AppendArguments) -> Result<(), Failure> {
     for (i, file) in files.iter().enumerate() {
         if i > 0 && input.held_as.is_none() {
             // The first file has created the store, whose kind is this file's.
-            let created = Store::open(&settings.store).ok();
+            let created = Store::open_own(&settings.store).ok();
             input.held_as = held_as(created.as_ref());
             input.are_labels = are_labels(created.as_ref(), &settings.settings);
         }
@@ -108,7 +108,7 @@ fn once(source: Box<dyn Source>, said: &mut HashSet<String>) -> Described<Box<dy
 
 /// Returns the options for opening a store's steps. A missing or unreadable store is reported by its own opening.
 fn step_options(store: &Path, settings: &StoreSettings, options: OpenOptions) -> Result<OpenOptions, Failure> {
-    let opened = Store::open(store).ok();
+    let opened = Store::open_own(store).ok();
     if let Some(value) = opened.as_ref().and_then(nodata_of).filter(|_| options.nodata == NoData::None) {
         let path = store.display();
         let problem = format!("--nodata none: in {path}, voxels of {value} hold no data in every step: leave it out");
@@ -225,7 +225,7 @@ impl Settings {
 
     /// Opens the store; `None` if it is missing, or its first step is not packed to the end.
     fn open(&self) -> Result<Option<Appender>, Failure> {
-        let times = match Store::open(&self.store) {
+        let times = match Store::open_own(&self.store) {
             Ok(store) => {
                 self.settings.check(&store)?;
                 store.times()

@@ -32,6 +32,16 @@ Examples:
   brickyard edit cells.zarr --channel-name 0=DAPI --channel-color 0=blue --dry-run
   brickyard edit flow.zarr --time-step 0.5 --time-unit s";
 
+pub(crate) const INDEX: &str = "\
+Examples:
+  brickyard index cells.ome.zarr
+  brickyard index plate.ome.zarr::B/3/0";
+
+pub(crate) const UPGRADE: &str = "\
+Examples:
+  brickyard upgrade scan.zarr
+  brickyard upgrade scan.zarr --ngff 0.5 --dry-run";
+
 pub(crate) const INFO: &str = "\
 Examples:
   brickyard info scan.zarr
@@ -115,6 +125,7 @@ mod tests {
             PACK,
             APPEND,
             EDIT,
+            INDEX,
             INFO,
             PROBE,
             VERIFY,

@@ -3,7 +3,7 @@
 use super::say::say;
 use super::values::{self, short};
 use super::{Failure, heading, print_json, print_line, store_errors};
-use brickyard::store::{ChannelDisplay, Kind, ReadError, Store};
+use brickyard::store::{ChannelDisplay, Kind, Ngff, ReadError, Store};
 use brickyard::volume::channel::hex;
 use brickyard::volume::numbers::{exact, significant, to_place};
 use brickyard::volume::{Level, Side, TimeAxis, VoxelType, counted};
@@ -32,6 +32,9 @@ struct Info<'a> {
     time_axis: Option<&'a TimeAxis>,
     channels: u32,
     voxel_type: &'a str,
+    /// Version of OME-Zarr.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    ngff: Option<&'static str>,
     spacing: [f64; 3],
     origin: [f64; 3],
     unit: Option<&'a str>,
@@ -44,6 +47,10 @@ struct Info<'a> {
     apron_bytes: u64,
     /// The display of each channel.
     displays: &'a [ChannelDisplay],
+    /// Whether it is another program's image, drawn where it lies.
+    foreign: bool,
+    /// Whether the statistics are of all voxels, not of a sample.
+    exact_statistics: bool,
     /// Names of the image's labels, stores in its folder `labels`.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     labels: Vec<String>,
@@ -60,6 +67,9 @@ struct LevelInfo {
     origin: [f64; 3],
     /// Bricks of one time step and channel.
     bricks: u64,
+    /// `[x, y, z]` voxels of a chunk of another program's array; absent where the level is made, and in stores of brickyard's.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    chunk: Option<[u32; 3]>,
 }
 
 /// Runs `info`.
@@ -77,13 +87,14 @@ pub(crate) fn run(arguments: &InfoArguments) -> Result<(), Failure> {
 
 fn describe<'a>(path: &'a std::path::Path, store: &'a Store) -> Result<Info<'a>, ReadError> {
     let geometry = store.geometry();
-    let level = |l: &brickyard::volume::LevelGrid| {
+    let level = |(k, l): (usize, &brickyard::volume::LevelGrid)| {
         let (spacing, origin) = geometry.level_placement(l.factor);
         LevelInfo {
             extent: l.extent.to_array(),
             spacing: spacing.to_array(),
             origin: origin.to_array(),
             bricks: l.bricks.volume(),
+            chunk: store.foreign_chunk(Level(k as u8)).map(|chunk| chunk.to_array()),
         }
     };
     Ok(Info {
@@ -93,14 +104,17 @@ fn describe<'a>(path: &'a std::path::Path, store: &'a Store) -> Result<Info<'a>,
         time_axis: store.time_axis(),
         channels: store.channels(),
         voxel_type: store.voxel_type().name(),
+        ngff: store.ngff().map(Ngff::name),
         spacing: geometry.spacing.to_array(),
         origin: geometry.origin.to_array(),
         unit: geometry.unit.as_deref(),
         axis_units: geometry.axis_units.as_ref(),
         calibrated: store.info().calibrated,
-        levels: store.pyramid().levels().iter().map(level).collect(),
+        levels: store.pyramid().levels().iter().enumerate().map(level).collect(),
         apron_bytes: store.apron_file_bytes()?,
         displays: store.channel_displays(),
+        foreign: store.is_foreign(),
+        exact_statistics: store.has_exact_statistics(),
         labels: store.label_names().unwrap_or_else(|error| {
             say!("warning: {error}; its labels are not shown");
             Vec::new()
@@ -123,23 +137,30 @@ fn text(info: &Info<'_>, store: &Store) -> String {
         format!("  {}, {}", time_steps(store), counted(info.channels.into(), "channel")),
         format!("  spacing {} ({unit}), first voxel centre at {}", triple(info.spacing), triple(info.origin)),
         orientation(store),
-        format!("  bricks of {} voxels, codec {}", store.pyramid().edge(), info.store.codec),
+        bricks(store),
     ];
+    if let Some(ngff) = store.ngff().filter(|ngff| *ngff != Ngff::default()) {
+        lines.push(format!("  metadata of OME-Zarr {ngff}"));
+    }
     let is_labels = info.store.kind == Kind::Labels;
     if is_labels && !store.label_colors().is_empty() {
         lines.push(format!("  {} with colors of their own", counted(store.label_colors().len() as u64, "label")));
     }
+    let sampled = if info.exact_statistics { "" } else { ", of a sample" };
     for (c, channel) in info.store.channels.iter().enumerate() {
         if is_labels {
             let name = named(store.channel_displays()[c].name.as_deref());
-            lines.push(format!("  channel {c}{name}: labels from {} to {}", channel.range[0], channel.range[1]));
+            lines.push(format!(
+                "  channel {c}{name}: labels from {} to {}{sampled}",
+                channel.range[0], channel.range[1]
+            ));
             continue;
         }
         let (look, window) = (look(&store.channel_displays()[c]), store.default_window(c as u32));
         let values = statistics(channel.range, channel.mean, window, store.voxel_type());
         let unit = channel.unit.as_ref().map_or_else(String::new, |unit| format!(" in {unit}"));
         let not_finite = channel.nan + channel.pos_inf + channel.neg_inf;
-        lines.push(format!("  channel {c}{look}{unit}: {values}, {not_finite} not finite"));
+        lines.push(format!("  channel {c}{look}{unit}: {values}, {not_finite} not finite{sampled}"));
     }
     lines.extend(no_data(store));
     for (l, level) in info.levels.iter().enumerate() {
@@ -147,7 +168,12 @@ fn text(info: &Info<'_>, store: &Store) -> String {
         let bytes = store.pyramid().level(Level(l as u8)).extent.volume() * store.voxel_type().bytes() as u64;
         let (bricks, raw, spacing) =
             (counted(level.bricks, "brick"), values::human_bytes(bytes), triple(level.spacing));
-        lines.push(format!("  level {l}: {x} x {y} x {z} voxels, {bricks}, {raw} raw, spacing {spacing}"));
+        let from = match level.chunk {
+            Some([x, y, z]) => format!(", chunks of {x} x {y} x {z}"),
+            None if info.foreign => ", made from the finer level".into(),
+            None => String::new(),
+        };
+        lines.push(format!("  level {l}: {x} x {y} x {z} voxels, {bricks}, {raw} raw, spacing {spacing}{from}"));
     }
     if let Some(apron) = store.apron() {
         let bytes = values::human_bytes(info.apron_bytes);
@@ -164,6 +190,15 @@ fn text(info: &Info<'_>, store: &Store) -> String {
         lines.push(format!("  labels, in labels/: {}", info.labels.join(", ")));
     }
     lines.join("\n")
+}
+
+/// Describes the bricks and their encoding.
+fn bricks(store: &Store) -> String {
+    let edge = store.pyramid().edge();
+    match store.is_foreign() {
+        true => format!("  another program's image, read where it lies in bricks of {edge} voxels"),
+        false => format!("  bricks of {edge} voxels, codec {}", store.info().codec),
+    }
 }
 
 /// Describes a channel's least, greatest and mean value and its window. The mean is precise to a ten thousandth of
@@ -184,6 +219,9 @@ fn time_steps(store: &Store) -> String {
 fn no_data(store: &Store) -> Option<String> {
     let info = store.info();
     let value = info.nodata?;
+    if !store.has_exact_statistics() {
+        return Some(format!("  no data: {value}"));
+    }
     let voxels =
         store.pyramid().levels()[0].extent.volume() as f64 * f64::from(store.times()) * f64::from(store.channels());
     let count = info.channels.iter().map(|channel| channel.nodata).sum::<u64>();

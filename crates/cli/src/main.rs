@@ -19,6 +19,7 @@ mod heading;
 mod help;
 #[cfg(test)]
 mod help_tests;
+mod index;
 mod info;
 mod input_args;
 mod interrupt;
@@ -45,6 +46,7 @@ mod slice_argument;
 mod step_range;
 mod store_errors;
 mod synth;
+mod upgrade;
 mod values;
 mod verify;
 #[cfg(feature = "viewer")]
@@ -90,6 +92,12 @@ enum Command {
     /// Change a store's metadata: place, units, times, name, channels' names and colors
     #[command(after_help = examples::EDIT)]
     Edit(Box<edit::EditArguments>),
+    /// Read all of another program's Zarr once, for exact statistics, quicker views and coarse levels
+    #[command(after_help = examples::INDEX)]
+    Index(index::IndexArguments),
+    /// Change a store's version of OME-Zarr, and that of its labels: metadata alone
+    #[command(after_help = examples::UPGRADE)]
+    Upgrade(upgrade::UpgradeArguments),
     /// Describe a store
     #[command(after_help = examples::INFO)]
     Info(info::InfoArguments),
@@ -183,6 +191,8 @@ fn run(command: Command, matches: &ArgMatches) -> Result<(), Failure> {
         Command::Pack(arguments) => pack::run(*arguments),
         Command::Append(arguments) => append::run(*arguments),
         Command::Edit(arguments) => edit::run(*arguments),
+        Command::Index(arguments) => index::run(&arguments),
+        Command::Upgrade(arguments) => upgrade::run(&arguments),
         Command::Info(arguments) => info::run(&arguments),
         Command::Probe(arguments) => probe::run(&arguments),
         Command::Verify(arguments) => verify::run(*arguments),

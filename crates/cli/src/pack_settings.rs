@@ -10,7 +10,7 @@ use super::say::{self, say};
 use super::{heading, print_json, print_line, store_errors, values, verify};
 use brickyard::import::{Note, Source, SourceInfo};
 use brickyard::store::{
-    self, AppendOptions, Codec, Downsample, Exists, Kind, PackError, PackOptions, PackPlan, Reductions, Store,
+    self, AppendOptions, Codec, Downsample, Exists, Kind, Ngff, PackError, PackOptions, PackPlan, Reductions, Store,
 };
 use brickyard::volume::numbers::exact;
 use brickyard::volume::{MAX_APRON, VoxelType, counted};
@@ -29,6 +29,10 @@ pub(crate) struct StoreSettings {
     /// Name of the volume in the store's OME-Zarr metadata [default: none]
     #[arg(help_heading = heading::STORE, long, value_name = "NAME")]
     name: Option<String>,
+    /// Version of OME-Zarr of the store's metadata, 0.5 or 0.6 [default: that of the image for labels inside one, of a
+    /// store being replaced or resumed, else 0.5]
+    #[arg(help_heading = heading::STORE, long, value_name = "VERSION")]
+    ngff: Option<Ngff>,
     /// Voxels along a brick's edge; a power of two [default: 64]
     #[arg(help_heading = heading::STORE, long)]
     brick: Option<u32>,
@@ -152,6 +156,7 @@ impl StoreSettings {
             kind,
             name: self.name.clone(),
             aprons: self.aprons.unwrap_or(0),
+            ngff: self.ngff,
             ..defaults
         })
     }
@@ -172,6 +177,13 @@ impl StoreSettings {
             ("--downsample", self.downsample.map(|methods| methods.to_string()), info.downsample.to_string()),
             ("--aprons", self.aprons.map(|width| width.to_string()), info.aprons.to_string()),
         ];
+        if let (Some(ngff), Some(found)) = (self.ngff, store.ngff())
+            && ngff != found
+        {
+            let path = store.path().display();
+            let problem = format!("{path} is OME-Zarr {found}; leave --ngff out, or use `brickyard upgrade`");
+            return Err(Failure::usage(format!("--ngff {ngff}: {problem}")));
+        }
         for (flag, given, found) in flags {
             if let Some(given) = given.filter(|given| *given != found) {
                 let store = store.path().display();

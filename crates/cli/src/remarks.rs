@@ -44,7 +44,7 @@ pub(super) fn of_empty(
         return None;
     }
     let is_clear = |layer: &ResolvedLayer| {
-        let (low, high) = values(layer.style.channel, &volumes[layer.volume]);
+        let (low, high) = volumes[layer.volume].likely_range(layer.style.channel);
         let mut values = (0..=1000).map(|i| low + (high - low) * f64::from(i) / 1000.0);
         layer.style.isosurfaces.is_empty() && values.all(|value| layer.transfer.alpha(value) == 0.0)
     };
@@ -105,13 +105,9 @@ fn of_lost(mode: Mode, names: &[String]) -> Option<String> {
     })
 }
 
-fn values(channel: u32, volume: &VolumeSource) -> (f64, f64) {
-    volume.statistics(channel).map_or_else(|| volume.source.channel_range(channel), |found| found.range.into())
-}
-
 /// Describes a channel's range of values, in words after "the values of".
 fn reach(channel: u32, volume: &VolumeSource) -> String {
-    let (low, high) = values(channel, volume);
+    let (low, high) = volume.likely_range(channel);
     let [from, to] = [low, high].map(|value| within_span(value, high - low));
     let to = with_unit(&to, volume.value_unit(channel));
     format!("{} are from {from} to {to}", volume.name().as_deref().unwrap_or("the volume"))
@@ -151,7 +147,8 @@ fn isovalues_outside(scene: &Scene, layer: usize, volumes: &[VolumeSource]) -> V
         return Vec::new();
     };
     let channel = scene.layers[layer].channel;
-    let (low, high) = values(channel, volume);
+    // Beyond a sample there may be more.
+    let (low, high) = volume.source.channel_range(channel);
     let surfaces = scene.layers[layer].isosurfaces.iter();
     let outside = surfaces.map(|surface| surface.value).filter(|value| !(low..=high).contains(value));
     outside.map(|value| format!("there is no surface of {value}: the values of {}", reach(channel, volume))).collect()
@@ -166,7 +163,7 @@ fn preset_of_other_data(scene: &Scene, layer: usize, volumes: &[VolumeSource]) -
     // A preset with its own range of values: those for CT.
     let transfer = layer.transfer.as_ref().filter(|choice| !choice.spans_window() && layer.window.is_none())?;
     let TransferChoice::Preset(choice) = transfer else { return None };
-    (values(layer.channel, volume).0 > AIR).then(|| {
+    (volume.likely_range(layer.channel).0 > AIR).then(|| {
         let (preset, reach) = (&choice.preset, reach(layer.channel, volume));
         format!(
             "{preset} is for Hounsfield units, in which air is -1000: the values of {reach}; --transfer auto fits any \

@@ -1,21 +1,26 @@
 //! Errors of stores and packing, sorted into exit codes.
 
 use super::failure::{ExitKind, Failure};
+use super::say::say;
 use brickyard::export::ExportError;
 use brickyard::extract::MeshError;
 use brickyard::import::{ImportError, is_of_process, limit_behind};
 use brickyard::session::VolumeSource;
-use brickyard::store::{AppendError, EditError, OpenError, PackError, ReadError, RepairError, Store, VerifyError};
+use brickyard::store::{
+    AppendError, EditError, IndexError, OpenError, PackError, ReadError, RepairError, Store, UpgradeError, VerifyError,
+};
 use std::fmt::Display;
 use std::path::Path;
 use std::sync::Arc;
 
-/// Opens a finished store.
+/// Opens a finished store, or another program's image where it lies, with its reader's notes.
 ///
 /// # Errors
-/// Exit code 3 if it is not a store, 4 if it is unfinished.
+/// Exit code 3 if it is not a store, 4 if it is unfinished; 2 if a flag or a part of the path is missing.
 pub(crate) fn open(path: &Path) -> Result<Store, Failure> {
-    Store::open(path).map_err(|error| open_failure(&error))
+    let store = Store::open(path).map_err(|error| open_failure(&error))?;
+    store.notes().iter().for_each(|note| say!("{}: {}", if note.is_warning() { "warning" } else { "note" }, &**note));
+    Ok(store)
 }
 
 /// Opens finished stores as volumes.
@@ -30,6 +35,10 @@ pub(crate) fn open_failure(error: &OpenError) -> Failure {
     match error {
         OpenError::Incomplete { .. } => Failure::new(ExitKind::Incomplete, error),
         OpenError::Io { error: io, .. } => io_failure(io, error),
+        OpenError::Source(error @ ImportError::Options { .. }) => {
+            Failure::usage(format!("{error} (flags are `pack`'s; FOLDER::PATH names one of several for every command)"))
+        }
+        OpenError::Source(error) => import_failure(error),
         _ => Failure::bad_input(error),
     }
 }
@@ -66,6 +75,7 @@ pub(crate) fn verify_failure(error: VerifyError, store: &Path) -> Failure {
 pub(crate) fn read_failure(error: &ReadError) -> Failure {
     match error {
         ReadError::Io { error: io, .. } => io_failure(io, error),
+        ReadError::Source { error, .. } => import_failure(error),
         _ => Failure::bad_input(error),
     }
 }
@@ -138,6 +148,30 @@ pub(crate) fn edit_failure(error: EditError) -> Failure {
         EditError::Altered { .. } | EditError::Levels { .. } => ExitKind::VerificationFailed,
         EditError::Cancelled { .. } => ExitKind::Interrupted,
         EditError::Unchanged { .. } | EditError::Unsynced { .. } | EditError::Unlisted { .. } => ExitKind::Failed,
+    };
+    Failure::new(kind, error)
+}
+
+pub(crate) fn index_failure(error: IndexError) -> Failure {
+    let kind = match &error {
+        IndexError::Open(error) => return open_failure(error),
+        IndexError::Read(error) => return read_failure(error),
+        IndexError::Own { .. } => ExitKind::Usage,
+        IndexError::TooLarge { .. } | IndexError::NotKept { .. } => ExitKind::Failed,
+        // Only Ctrl-C cancels.
+        IndexError::Cancelled { .. } => ExitKind::Interrupted,
+    };
+    Failure::new(kind, error)
+}
+
+pub(crate) fn upgrade_failure(error: UpgradeError) -> Failure {
+    let kind = match &error {
+        UpgradeError::Open(error) => return open_failure(error),
+        UpgradeError::Pack(error) => pack_kind(error),
+        UpgradeError::Label { .. } => ExitKind::BadInput,
+        UpgradeError::Unfinished { .. } | UpgradeError::Partly { .. } => ExitKind::Incomplete,
+        UpgradeError::Altered { .. } => ExitKind::VerificationFailed,
+        UpgradeError::Unchanged { .. } | UpgradeError::Unsynced { .. } => ExitKind::Failed,
     };
     Failure::new(kind, error)
 }

@@ -57,13 +57,21 @@ impl BrickSource for Store {
     }
 
     fn read_occupancy(&self, page: PageId) -> Result<Vec<Occupancy>, BrickError> {
+        let places = self.pyramid().paging(page.level).page_cells();
+        if self.is_foreign() {
+            let mut occupancy = vec![Occupancy::NONE; places];
+            for (id, place) in self.pyramid().bricks_of_page(page) {
+                occupancy[place] = BrickSource::occupancy(self, id);
+            }
+            return Ok(occupancy);
+        }
         let ranges = self.read_ranges(page).map_err(|error| page_error(self, page, &error))?;
-        let (bins, places) = (self.occupancy_bins(page.channel), self.pyramid().paging(page.level).page_cells());
+        let bins = self.occupancy_bins(page.channel);
         Ok((0..places).map(|place| ranges.occupancy(place, bins)).collect())
     }
 
     fn keeps_hashes(&self) -> bool {
-        true
+        !self.is_foreign()
     }
 
     fn read_hashes(&self, page: PageId) -> Result<Vec<u128>, BrickError> {

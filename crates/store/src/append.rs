@@ -34,8 +34,9 @@ use crate::counts::{Counts, count_store};
 use crate::error::{OpenError, ReadError};
 use crate::folder::Folder;
 use crate::held::{Held, HoldError, find_finished, unfinished};
-use crate::json::{parse_json, read_json};
+use crate::json::read_json;
 use crate::metadata::{ChannelStatistics, StoreInfo, document_bytes, root_document};
+use crate::ngff::Root;
 use crate::pack::cascade::{Pass, Stop, Stopped};
 use crate::pack::disk::{Disk, DiskError, Part, temporary};
 use crate::pack::journal::Journal;
@@ -158,7 +159,7 @@ impl Appender {
 
     fn open_on(disk: Disk, store: &Path, options: AppendOptions) -> Result<Self, AppendError> {
         let dir = find_finished(&disk, store)?;
-        can_grow(&Store::open(&dir)?)?;
+        can_grow(&Store::open_own(&dir)?)?;
         let held = Held::take(&disk, &dir)?;
         let mut appender = Self { disk, folder: held.folder.clone(), options, times: 0, _held: held };
         appender.take_back().map_err(|error| appender.stopped(error))?;
@@ -269,6 +270,7 @@ impl Appender {
             kind: info.kind,
             name: info.name.clone(),
             aprons: info.aprons,
+            ngff: None,
             memory_bytes: self.options.memory_bytes,
             threads: self.options.threads,
             exists: Exists::Resume,
@@ -303,7 +305,7 @@ impl Appender {
         self.refuse_replaced()?;
         let root_path = self.path().join("zarr.json");
         let text = self.folder.document(&root_path)?;
-        let mut root = parse_json(&root_path, &text)?;
+        let mut root = Root::parse(&root_path, &text)?;
         // Others may have edited it meanwhile.
         let store = Store::open_with_root(&self.folder, IoMode::default(), None, &text)?;
         let info = store.info();
@@ -322,8 +324,8 @@ impl Appender {
         if info.times.is_none() {
             counts.write(&self.disk, first, before)?;
             self.sync(&counts, &of_step, &dirs)?;
-            update_root(&written(info), &written(&counting), &mut root);
-            self.write_synced(&root_path, &root)?;
+            update_root(&written(info), &written(&counting), &mut root.document);
+            self.write_synced(&root_path, &root.bytes(&root_path)?)?;
         }
         for dir in &dirs {
             let (path, document) = with_steps(&self.folder, dir, times)?;
@@ -334,9 +336,9 @@ impl Appender {
             self.disk.name(&dir.join("zarr.json"))?;
         }
         let grown = StoreInfo { times: Some(times), time, channels: statistics(info, before, after), ..info.clone() };
-        update_root(&written(&counting), &written(&grown), &mut root);
-        update_consolidated(self.path(), &dirs, times, &mut root);
-        self.disk.prepare(&root_path, &document_bytes(&root))?;
+        update_root(&written(&counting), &written(&grown), &mut root.document);
+        update_consolidated(self.path(), &dirs, times, &mut root.document);
+        self.disk.prepare(&root_path, &root.bytes(&root_path)?)?;
         self.disk.sync_parts(self.path(), dirs.iter().map(|dir| Part::Folder(dir)))?;
         self.disk.name(&root_path)?;
         self.times = times;
@@ -352,8 +354,8 @@ impl Appender {
         self.disk.sync_parts(self.path(), chunks.chain(counts).chain(dirs))
     }
 
-    fn write_synced(&self, path: &Path, document: &Value) -> Result<(), DiskError> {
-        self.disk.write(path, &document_bytes(document))?;
+    fn write_synced(&self, path: &Path, text: &[u8]) -> Result<(), DiskError> {
+        self.disk.write(path, text)?;
         self.disk.sync_dir(output::parent(path))
     }
 
@@ -370,7 +372,7 @@ impl Appender {
             let document = read_json(&self.folder, &dir.join("zarr.json"))?;
             if document["shape"][0] != json!(self.times) && store.info().times.is_some() {
                 let (path, document) = with_steps(&self.folder, dir, self.times)?;
-                self.write_synced(&path, &document)?;
+                self.write_synced(&path, &document_bytes(&document))?;
             }
         }
         for dir in &dirs {

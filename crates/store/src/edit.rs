@@ -22,9 +22,9 @@ pub use error::EditError;
 use crate::append::{AppendOptions, stale_groups};
 use crate::folder::Folder;
 use crate::held::{Held, find_finished};
-use crate::json::parse_json;
 use crate::kind::Kind;
-use crate::metadata::{document_bytes, root_document};
+use crate::metadata::root_document;
+use crate::ngff::Root;
 use crate::pack::disk::{Disk, DiskError, temporary};
 use crate::pack::image_labels::{ImageLabels, TO_IMAGE};
 use crate::pack::{PackError, Progress, lock, ours};
@@ -153,7 +153,7 @@ pub fn rehearse_edit(store: &Path, edit: &Edit, memory_bytes: u64, threads: usiz
     if let Some(holder) = lock::holder_of(&dir) {
         return Err(PackError::Busy { store: dir, holder: Some(holder) }.into());
     }
-    if makes_levels(&Store::open(&dir)?, edit) {
+    if makes_levels(&Store::open_own(&dir)?, edit) {
         return levels::rehearse(&dir, edit, &Work { memory_bytes, threads, progress: &() });
     }
     let edited = Edited::of(&Arc::new(open_folder(&dir)?), edit)?;
@@ -168,7 +168,7 @@ fn makes_levels(store: &Store, edit: &Edit) -> bool {
 fn edit_on(disk: &Disk, store: &Path, edit: &Edit, work: &Work) -> Result<EditReport, EditError> {
     let dir = find_finished(disk, store)?;
     // A lock would make the folder of a store that is missing.
-    if makes_levels(&Store::open(&dir)?, edit) {
+    if makes_levels(&Store::open_own(&dir)?, edit) {
         return levels::remake(disk, &dir, edit, work);
     }
     let held = Held::take(disk, &dir)?;
@@ -180,7 +180,7 @@ fn edit_on(disk: &Disk, store: &Path, edit: &Edit, work: &Work) -> Result<EditRe
     if held.folder.is_replaced() {
         return Err(held.folder.replaced().into());
     }
-    disk.write(&path, &document_bytes(&edited.root)).map_err(|error| {
+    disk.write(&path, &edited.text).map_err(|error| {
         // Left-overs are harmless: the next change of the document replaces them.
         let _ = ours::remove_file(disk, &temporary(&path));
         unchanged(error)
@@ -195,7 +195,9 @@ fn edit_on(disk: &Disk, store: &Path, edit: &Edit, work: &Work) -> Result<EditRe
 
 /// A root document with its edits.
 struct Edited {
-    root: Value,
+    root: Root,
+    /// The file content of the document.
+    text: Vec<u8>,
     /// The place among an image's labels, to be listed there.
     labels: Option<ImageLabels>,
     /// The store's volume.
@@ -208,7 +210,7 @@ impl Edited {
     fn of(folder: &Arc<Folder>, edit: &Edit) -> Result<Self, EditError> {
         let path = folder.path().join("zarr.json");
         let text = folder.document(&path)?;
-        let mut root = parse_json(&path, &text)?;
+        let mut root = Root::parse(&path, &text)?;
         let open = |text: &[u8]| Store::open_with_root(folder, IoMode::default(), None, text);
         let store = open(&text)?;
         if let Some(change) = root_change(&store, root.clone()) {
@@ -225,7 +227,7 @@ impl Edited {
                 let field = format!("listed in {}/labels", labels.image().display());
                 changes.push(EditChange { field, old: json!(false), new: json!(true) });
             }
-            if !has_image(&root) {
+            if !has_image(&root.document) {
                 let field = "image-label source".into();
                 changes.push(EditChange { field, old: Value::Null, new: json!(TO_IMAGE) });
             }
@@ -236,15 +238,16 @@ impl Edited {
         let info = new.store_info(&former, store.info());
         let old_document = root_document(store.layout(), store.geometry(), store.info());
         let new_document = root_document(store.layout(), &new.info.geometry, &info);
-        take_changes(&old_document, &new_document, &mut root);
-        set_looks(&former, &new, &new_document, &mut root);
-        if labels.is_some() && !has_image(&root) {
-            root["attributes"]["ome"]["image-label"]["source"] = json!({ "image": TO_IMAGE });
+        take_changes(&old_document, &new_document, &mut root.document);
+        set_looks(&former, &new, &new_document, &mut root.document);
+        if labels.is_some() && !has_image(&root.document) {
+            root.document["attributes"]["ome"]["image-label"]["source"] = json!({ "image": TO_IMAGE });
         }
-        let text = document_bytes(&root);
+        let text = root.bytes(&path)?;
+        let root = Root::parse(&path, &text)?;
         match root_change(&open(&text)?, root.clone()) {
             Some(change) => Err(EditError::Altered { path, change }),
-            None => Ok(Self { root, labels, info: new.info, changes }),
+            None => Ok(Self { root, text, labels, info: new.info, changes }),
         }
     }
 

@@ -1,6 +1,7 @@
 //! Errors of stores, grouped by the caller's remedy.
 
 use crate::downsample::{Downsample, Reductions};
+use brickyard_import::ImportError;
 use brickyard_volume::BrickId;
 use std::path::{Path, PathBuf};
 
@@ -99,6 +100,17 @@ pub enum OpenError {
         /// The path given on opening.
         store: PathBuf,
     },
+    /// Another program's Zarr has no image that can be read, or several without a choice.
+    #[error(transparent)]
+    Source(#[from] ImportError),
+    /// No store can describe another program's image.
+    #[error("{path}: {what}")]
+    Unfit {
+        /// The image.
+        path: PathBuf,
+        /// The difference, with the remedy.
+        what: String,
+    },
     /// A file of the store could not be opened or read.
     #[error("{path}: {error}")]
     Io {
@@ -184,6 +196,15 @@ pub enum ReadError {
         /// The path given on opening.
         store: PathBuf,
     },
+    /// A chunk of another program's image cannot be read.
+    #[error("{error}")]
+    Source {
+        /// The image.
+        path: PathBuf,
+        /// The reader's error, which names the chunk.
+        #[source]
+        error: ImportError,
+    },
     /// A file of the store could not be opened or read.
     #[error("{path}: {error}")]
     Io {
@@ -205,6 +226,7 @@ impl ReadError {
             | Self::CorruptBrick { path, .. }
             | Self::CorruptPage { path, .. }
             | Self::Replaced { store: path }
+            | Self::Source { path, .. }
             | Self::Io { path, .. } => path,
         }
     }
@@ -213,7 +235,9 @@ impl ReadError {
     /// not respond. Missing, short, damaged or forbidden files stay so.
     pub fn is_passing(&self) -> bool {
         use std::io::ErrorKind::{InvalidData, InvalidInput, NotFound, PermissionDenied, UnexpectedEof};
-        let Self::Io { error, .. } = self else { return false };
+        let (Self::Io { error, .. } | Self::Source { error: ImportError::Io { error, .. }, .. }) = self else {
+            return false;
+        };
         !matches!(error.kind(), NotFound | PermissionDenied | UnexpectedEof | InvalidData | InvalidInput)
     }
 }

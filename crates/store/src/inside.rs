@@ -28,6 +28,11 @@ pub fn check_outside(path: &Path) -> Result<(), InsideStore> {
     }
 }
 
+/// Whether a path lies in a store of brickyard's.
+pub(crate) fn is_inside(path: &Path) -> bool {
+    holder(&located(path)).is_some()
+}
+
 /// Resolves links and `..` in a path that may not exist yet.
 pub(crate) fn located(path: &Path) -> PathBuf {
     let Some(name) = path.file_name() else { return path.canonicalize().unwrap_or_else(|_| path.into()) };

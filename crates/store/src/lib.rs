@@ -1,4 +1,4 @@
-//! The brick store: an OME-Zarr 0.5 image with side data; pack, open, read, verify.
+//! The brick store: an OME-Zarr image (0.5 or 0.6) with side data; pack, open, read, verify.
 //!
 //! The format, from the bottom up: [`codec`] turns a brick's core into checked bytes (with `blosc` for shuffled data),
 //! [`shard`] frames many of them in one file, [`side`] holds statistics per brick and fingerprints per shard,
@@ -15,6 +15,7 @@ pub mod downsample;
 mod edit;
 pub mod error;
 mod folder;
+mod foreign;
 mod held;
 mod inside;
 mod json;
@@ -24,6 +25,7 @@ mod level_bricks;
 mod level_source;
 pub mod metadata;
 mod mutex;
+mod ngff;
 mod nodata;
 pub mod pack;
 mod repair;
@@ -38,6 +40,7 @@ mod store;
 #[cfg(test)]
 mod test_store;
 mod time;
+mod upgrade;
 mod value_counts;
 mod value_table;
 pub mod verify;
@@ -48,11 +51,13 @@ pub use codec::{BrickCodec, Codec};
 pub use downsample::{Downsample, Reductions};
 pub use edit::{ChannelEdit, Edit, EditChange, EditError, EditReport, edit, edit_within, rehearse_edit};
 pub use error::{CodecError, InsideStore, OpenError, ReadError, ShardError};
+pub use foreign::{IndexError, IndexReport, index, is_foreign};
 pub use inside::check_outside;
 pub use layout::{Layout, ShardId};
 pub use level_bricks::LevelBricks;
 pub use level_source::LevelSource;
 pub use metadata::{ChannelDisplay, ChannelStatistics, Histogram, Kind, Percentiles, StoreInfo};
+pub use ngff::Ngff;
 pub use pack::{
     Exists, Holder, PackError, PackOptions, PackPlan, PackReport, Progress, estimate, pack, plan, rehearse,
     settings_fingerprint,
@@ -63,4 +68,5 @@ pub use scratch::Scratch;
 pub use shard::Fingerprint;
 pub use shard_file::IoMode;
 pub use store::Store;
+pub use upgrade::{UpgradeError, UpgradeReport, rehearse_upgrade, upgrade};
 pub use verify::{MOST_PROBLEMS, VerifyError, VerifyProblem, VerifyReport, compare_within, verify, verify_within};

@@ -1,7 +1,7 @@
 //! The `zarr.json` documents: written by pack (`metadata/documents.rs`), checked field by field on open
 //! (`metadata/parse.rs`); and the settings and statistics in them.
 //!
-//! In the root group, `attributes.ome` follows OME-Zarr 0.5 and is authoritative for placement; `attributes.brickyard`
+//! In the root group, `attributes.ome` follows OME-Zarr 0.5 (in a store of 0.6, `ngff.rs` converts it) and is authoritative for placement; `attributes.brickyard`
 //! is [`StoreInfo`]: settings and statistics. Settings determine every array document, so opening compares with
 //! generated ones. Unknown keys are ignored; other tools may add theirs.
 
@@ -22,7 +22,7 @@ pub(crate) use documents::{array_document, bytes_codec, sharding_codecs, voxel_d
 pub use documents::{document_bytes, level_document, root_document};
 pub(crate) use parse::{
     OTHERS_STORE, check_array, parse_displays, parse_geometry, parse_info, parse_label_colors, parse_layout,
-    parse_placement,
+    parse_placement, parse_unchecked_geometry,
 };
 use serde::{Deserialize, Serialize};
 use std::path::Path;

@@ -46,6 +46,7 @@ use crate::downsample::Reductions;
 use crate::error::{InsideStore, ReadError};
 use crate::layout::{DEFAULT_SHARD_EDGE, check_edges};
 use crate::metadata::{Kind, StoreInfo, document_bytes, root_document};
+use crate::ngff::{Ngff, Root};
 use crate::side::array_documents;
 use crate::stats::ChannelTotals;
 use crate::version::FORMAT_VERSION;
@@ -98,6 +99,9 @@ pub struct PackOptions {
     pub name: Option<String>,
     /// Width of the stored aprons in voxels, at most [`MAX_APRON`]; 0 stores none.
     pub aprons: u32,
+    /// Version of OME-Zarr of the store's metadata. `None` is that of the image for labels inside one, that of a store or
+    /// unfinished pack which is there, otherwise 0.5.
+    pub ngff: Option<Ngff>,
     /// Most anonymous memory for the pack, in bytes.
     pub memory_bytes: u64,
     /// Worker threads, at least 1. Reading whole planes and writing files use further threads.
@@ -119,6 +123,7 @@ impl PackOptions {
             kind: Kind::Image,
             name: None,
             aprons: 0,
+            ngff: None,
             memory_bytes: 2 << 30,
             threads: std::thread::available_parallelism().map_or(1, usize::from),
             exists: Exists::Refuse,
@@ -462,6 +467,8 @@ pub(crate) fn pack_on(
     progress: &dyn Progress,
 ) -> Result<PackReport, PackError> {
     let plan = plan(source, options)?;
+    let ngff = output::version_for(store, options.ngff)?;
+    let options = &PackOptions { ngff: Some(ngff), ..options.clone() };
     let settings = settings(source, options);
     let shards = plan.shard_count();
     let unchanged = PackReport {
@@ -480,7 +487,10 @@ pub(crate) fn pack_on(
         }
         other => other,
     });
-    let Some(mut output) = start? else { return Ok(unchanged) };
+    let Some(mut output) = start? else {
+        output::check_version(store, ngff)?;
+        return Ok(unchanged);
+    };
     announce(source.info(), &output.dir, &plan, progress);
     let shards_resumed = output.journal.finished_count();
     let pass = Pass { source, store: &output.dir, options, plan: &plan, disk, progress };
@@ -502,7 +512,7 @@ pub(crate) fn pack_on(
     let written_bytes = passed.written_bytes;
     let finished = write_metadata(&pass, &settings, passed);
     let dir = output.dir.clone();
-    let finished = finished.map_err(PackError::from).and_then(|()| output.finish(disk));
+    let finished = finished.and_then(|()| output.finish(disk));
     finished.map_err(|error| match error {
         PackError::Io { path, error } => {
             let needed_bytes = plan.brick_count() * 24;
@@ -525,8 +535,10 @@ pub fn rehearse(
     progress: &dyn Progress,
 ) -> Result<Option<PackPlan>, PackError> {
     let plan = plan(source, options)?;
-    let Some(dir) = output::rehearse(&Disk::default(), store, options.exists, &settings(source, options), &plan)?
-    else {
+    let ngff = output::version_for(store, options.ngff)?;
+    let settings = settings(source, &PackOptions { ngff: Some(ngff), ..options.clone() });
+    let Some(dir) = output::rehearse(&Disk::default(), store, options.exists, &settings, &plan)? else {
+        output::check_version(store, ngff)?;
         return Ok(None);
     };
     announce(source.info(), &dir, &plan, progress);
@@ -565,6 +577,9 @@ pub(crate) fn pool(threads: usize) -> Result<rayon::ThreadPool, String> {
     rayon::ThreadPoolBuilder::new().num_threads(threads).build().map_err(|error| error.to_string())
 }
 
+/// The setting of the version of OME-Zarr, if it is not 0.5.
+const OF_VERSION: &str = "ngff";
+
 /// The settings that determine a store's bytes.
 fn settings(source: &dyn Source, options: &PackOptions) -> Value {
     let info = source.info();
@@ -600,6 +615,9 @@ fn settings(source: &dyn Source, options: &PackOptions) -> Value {
     if shard_times > 1 {
         settings["shard_times"] = json!(shard_times);
     }
+    if let Some(ngff @ Ngff::V06) = options.ngff {
+        settings[OF_VERSION] = json!(ngff.name());
+    }
     settings
 }
 
@@ -609,6 +627,11 @@ pub fn settings_fingerprint(source: &dyn Source, options: &PackOptions) -> Strin
 }
 
 fn fingerprint(settings: &Value) -> String {
+    let mut settings = settings.clone();
+    // The version of the metadata can change without a pack.
+    if let Some(settings) = settings.as_object_mut() {
+        settings.remove(OF_VERSION);
+    }
     format!("{:016x}", xxhash_rust::xxh3::xxh3_64(settings.to_string().as_bytes()))
 }
 
@@ -647,7 +670,7 @@ fn warn_of_space(dir: &Path, plan: &PackPlan, progress: &dyn Progress) {
 }
 
 /// Writes all documents, the root's last.
-fn write_metadata(pass: &Pass, settings: &Value, passed: Passed) -> Result<(), disk::DiskError> {
+fn write_metadata(pass: &Pass, settings: &Value, passed: Passed) -> Result<(), PackError> {
     let Pass { source, store, options, plan, disk, .. } = *pass;
     let (info, layout) = (source.info(), &plan.layout);
     let mut channels: Vec<_> = passed.channels.iter().map(ChannelTotals::finish).collect();
@@ -689,6 +712,11 @@ fn write_metadata(pass: &Pass, settings: &Value, passed: Passed) -> Result<(), d
     if options.kind == Kind::Labels && ImageLabels::around(store)?.is_some() {
         root["attributes"]["ome"]["image-label"]["source"] = json!({ "image": TO_IMAGE });
     }
-    disk.write(&store.join("zarr.json"), &document_bytes(&root))?;
-    disk.sync_dir(store)
+    let path = store.join("zarr.json");
+    // The plan has checked the orientation, so this cannot fail.
+    let text = Root::new(root, options.ngff.unwrap_or_default())
+        .bytes(&path)
+        .map_err(|error| PackError::Options(error.to_string()))?;
+    disk.write(&path, &text)?;
+    Ok(disk.sync_dir(store)?)
 }

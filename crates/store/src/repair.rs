@@ -152,7 +152,7 @@ pub fn recorded_settings(path: &Path) -> Result<StoreInfo, OpenError> {
     let root = read_json(&open_folder(path)?, &root_path);
     root.and_then(|root| parse_info(&root_path, &root)).map_err(|error| match error {
         // It may be unfinished, or no store at all.
-        OpenError::Io { .. } => Store::open(path).err().unwrap_or(error),
+        OpenError::Io { .. } => Store::open_own(path).err().unwrap_or(error),
         error => error,
     })
 }

@@ -1,6 +1,6 @@
 //! An open store: documents in memory, side data and shards opened on first use.
 //!
-//! Opening reads only the documents, so it takes milliseconds and constant memory at any size of store. The last few
+//! Opening reads only the documents (and of another program's image a sample), so it takes milliseconds and constant memory at any size of store. The last few
 //! shards and pages stay open; `chunks.rs` reads bricks. Reading never writes. All methods are thread-safe.
 
 use crate::chunks::Chunks;
@@ -8,6 +8,7 @@ use crate::codec::BrickCodec;
 use crate::downsample::Downsample;
 use crate::error::{OpenError, ReadError};
 use crate::folder::Folder;
+use crate::foreign::{self, Described, Foreign};
 use crate::inside;
 use crate::json::{parse_json, read_json};
 use crate::layout::{JOURNAL_NAME, Layout, journal_percent};
@@ -15,13 +16,15 @@ use crate::metadata::{
     ChannelDisplay, ChannelStatistics, OTHERS_STORE, StoreInfo, check_array, parse_displays, parse_geometry,
     parse_info, parse_label_colors, parse_layout, parse_placement,
 };
+use crate::ngff::{Ngff, Root};
 use crate::pack::image_labels;
 use crate::shard_file::IoMode;
 use crate::side::{RangePage, SidePages, array_documents};
 use crate::time::parse_time;
+use brickyard_import::Note;
 use brickyard_volume::{
-    Apron, BrickId, BrickIndex, Geometry, LabelColor, Level, Occupancy, OccupancyBins, PageId, Placement, Pyramid,
-    TimeAxis, VoxelBox, VoxelType,
+    Apron, BrickId, BrickIndex, Extent, Geometry, LabelColor, Level, Occupancy, OccupancyBins, PageId, Placement,
+    Pyramid, TimeAxis, VoxelBox, VoxelType,
 };
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
@@ -30,12 +33,9 @@ use std::sync::Arc;
 /// Most changes of the store during one opening.
 const MOST_CHANGES: u32 = 100;
 
-/// A finished, open brick store: one of its pyramids, if it has two.
+/// An open store: a finished one of brickyard's, or another program's image. One of its pyramids, if it has two.
 pub struct Store {
-    folder: Arc<Folder>,
-    mode: IoMode,
-    /// Hash of the root document, to detect changes.
-    root_hash: u64,
+    layout: Layout,
     geometry: Geometry,
     placement: Placement,
     time: Option<TimeAxis>,
@@ -43,6 +43,22 @@ pub struct Store {
     /// One per channel.
     displays: Vec<ChannelDisplay>,
     label_colors: Vec<LabelColor>,
+    bricks: Bricks,
+}
+
+/// The places of a store's bricks.
+enum Bricks {
+    Own(Own),
+    Foreign(Box<Foreign>),
+}
+
+/// The open files of a store of brickyard's.
+struct Own {
+    ngff: Ngff,
+    folder: Arc<Folder>,
+    mode: IoMode,
+    /// Hash of the root document, to detect changes.
+    root_hash: u64,
     sides: SidePages,
     cores: Chunks,
     /// `None` unless aprons are stored.
@@ -50,10 +66,12 @@ pub struct Store {
 }
 
 impl Store {
-    /// Opens the main pyramid of a store, with memory-mapped shards.
+    /// Opens the main pyramid of a store, with memory-mapped shards; or an image of another program's Zarr, where it lies: a folder, or
+    /// `FOLDER::PATH` for one of several images in it.
     ///
     /// # Errors
-    /// If the store is missing, unfinished, of an unknown version, contradictory or unreadable.
+    /// If the store is missing, unfinished, of an unknown version, contradictory or unreadable; or the other program's Zarr has no
+    /// image that can be drawn, or several without a choice among them.
     pub fn open(path: impl Into<PathBuf>) -> Result<Self, OpenError> {
         Self::open_with(path, IoMode::default())
     }
@@ -76,6 +94,21 @@ impl Store {
 
     /// Opens the pyramid made by `method`, by default the main one.
     fn open_at(path: PathBuf, mode: IoMode, method: Option<Downsample>) -> Result<Self, OpenError> {
+        if foreign::is_foreign(&path) {
+            return Self::of_foreign(Foreign::open(&path)?, method);
+        }
+        Self::open_own_at(path, mode, method)
+    }
+
+    /// Opens the main pyramid of a store of brickyard's, which alone can be changed and verified.
+    ///
+    /// # Errors
+    /// As for [`Store::open`], or if the store is another program's.
+    pub fn open_own(path: impl Into<PathBuf>) -> Result<Self, OpenError> {
+        Self::open_own_at(path.into(), IoMode::default(), None)
+    }
+
+    fn open_own_at(path: PathBuf, mode: IoMode, method: Option<Downsample>) -> Result<Self, OpenError> {
         let open = || Self::open_view(&Arc::new(open_folder(&path)?), mode, method);
         let mut opened = open();
         for _ in 0..MOST_CHANGES {
@@ -108,7 +141,11 @@ impl Store {
     /// # Errors
     /// As for [`Store::open_reduced`], or if the store was deleted.
     pub fn reduced(&self, method: Downsample) -> Result<Self, OpenError> {
-        Self::open_view(&self.folder, self.mode, Some(method))
+        match &self.bricks {
+            Bricks::Own(own) => Self::open_view(&own.folder, own.mode, Some(method)),
+            Bricks::Foreign(foreign) if method == foreign.method() => Self::open(foreign.path()),
+            Bricks::Foreign(foreign) => Err(foreign.no_reduction(method)),
+        }
     }
 
     /// Opens a pyramid, given the bytes of the root document.
@@ -120,7 +157,7 @@ impl Store {
     ) -> Result<Self, OpenError> {
         let path = folder.path();
         let root_path = path.join("zarr.json");
-        let root = parse_json(&root_path, text)?;
+        let Root { document: root, ngff, .. } = Root::parse(&root_path, text)?;
         let info = parse_info(&root_path, &root)?;
         if !info.complete {
             return Err(OpenError::Incomplete { percent: journal_percent(path).unwrap_or(0), path: path.into() });
@@ -147,20 +184,35 @@ impl Store {
             Chunks::new(folder, layout.of_aprons(), codec, mode)
         });
         let codec = BrickCodec::new(info.codec, info.voxel_type, info.edge);
-        Ok(Self {
+        let own = Own {
+            ngff,
             folder: folder.clone(),
             mode,
             root_hash: hash(text),
+            sides: SidePages::new(folder, &layout, info.voxel_type),
+            cores: Chunks::new(folder, layout.clone(), codec, mode),
+            aprons,
+        };
+        Ok(Self {
+            layout,
             geometry,
             placement,
             time,
             displays: parse_displays(&root, &info),
             label_colors: parse_label_colors(&root),
-            sides: SidePages::new(folder, &layout, info.voxel_type),
-            cores: Chunks::new(folder, layout, codec, mode),
-            aprons,
             info,
+            bricks: Bricks::Own(own),
         })
+    }
+
+    /// Opens another program's image as a store.
+    pub(crate) fn of_foreign(foreign: Foreign, method: Option<Downsample>) -> Result<Self, OpenError> {
+        if let Some(method) = method.filter(|method| *method != foreign.method()) {
+            return Err(foreign.no_reduction(method));
+        }
+        let Described { layout, geometry, placement, time, info, displays, label_colors } = foreign.describe()?;
+        let bricks = Bricks::Foreign(Box::new(foreign));
+        Ok(Self { layout, geometry, placement, time, info, displays, label_colors, bricks })
     }
 
     /// Reopens the store if time steps were appended since; otherwise `None`. This handle's data never change. If
@@ -169,11 +221,12 @@ impl Store {
     /// # Errors
     /// As for [`Store::open`], or if the store was moved, deleted or replaced.
     pub fn newer(&self) -> Result<Option<Self>, OpenError> {
+        let Bricks::Own(Own { folder, mode, .. }) = &self.bricks else { return Ok(None) };
         if self.is_replaced() {
             return Err(self.replaced());
         }
         let root_path = self.path().join("zarr.json");
-        let text = read_root(&self.folder)?;
+        let text = read_root(folder)?;
         if self.was_opened_with(&text) {
             return Ok(None);
         }
@@ -186,42 +239,89 @@ impl Store {
         if info.times.is_none_or(|times| times <= self.times()) {
             return Ok(None);
         }
-        Self::open_view(&self.folder, self.mode, self.layout().second()).map(Some)
+        Self::open_view(folder, *mode, self.layout().second()).map(Some)
     }
 
     /// Whether the root document had these bytes on opening.
     pub(crate) fn was_opened_with(&self, text: &[u8]) -> bool {
-        hash(text) == self.root_hash
+        hash(text) == self.own().root_hash
+    }
+
+    /// Whether the store is an image of another program's Zarr, drawn where it lies: never written to, without side data, and with
+    /// statistics of a sample.
+    pub fn is_foreign(&self) -> bool {
+        matches!(self.bricks, Bricks::Foreign(_))
+    }
+
+    /// Voxels of a chunk of another program's image, the smallest piece decoded alone, on a level; `None` on levels made from finer ones,
+    /// and in stores of brickyard's.
+    pub fn foreign_chunk(&self, level: Level) -> Option<Extent> {
+        match &self.bricks {
+            Bricks::Own(_) => None,
+            Bricks::Foreign(foreign) => foreign.chunk(level),
+        }
+    }
+
+    /// Remarks on another program's image, one sentence each.
+    pub fn notes(&self) -> &[Note] {
+        match &self.bricks {
+            Bricks::Own(_) => &[],
+            Bricks::Foreign(foreign) => foreign.notes(),
+        }
     }
 
     /// Whether time steps can be appended: there is a time axis, with one step per shard.
     pub fn can_grow(&self) -> bool {
-        self.layout().axes()[0] == "t" && self.layout().shard_times == 1
+        !self.is_foreign() && self.layout().axes()[0] == "t" && self.layout().shard_times == 1
     }
 
-    /// The store's directory.
+    /// The store's directory; with `::PATH` for one of several images of another program's Zarr.
     pub fn path(&self) -> &Path {
-        self.folder.path()
+        match &self.bricks {
+            Bricks::Own(own) => own.folder.path(),
+            Bricks::Foreign(foreign) => foreign.path(),
+        }
     }
 
     /// Whether the store was moved, deleted or replaced. An open store reads only its own files; deleted ones yield
     /// [`ReadError::Replaced`].
     pub fn is_replaced(&self) -> bool {
-        self.folder.is_replaced()
+        matches!(&self.bricks, Bricks::Own(own) if own.folder.is_replaced())
     }
 
     /// The error for a store gone from its path.
     pub fn replaced(&self) -> OpenError {
-        self.folder.replaced()
+        OpenError::Replaced { store: self.path().into() }
+    }
+
+    /// The open files.
+    ///
+    /// # Panics
+    /// If the store is another program's: what changes and verifies stores opens [its own](Store::open_own) alone.
+    fn own(&self) -> &Own {
+        match &self.bricks {
+            Bricks::Own(own) => own,
+            Bricks::Foreign(foreign) => {
+                panic!("{}: another program's store has no side data", foreign.path().display())
+            }
+        }
     }
 
     pub(crate) fn folder(&self) -> &Arc<Folder> {
-        &self.folder
+        &self.own().folder
     }
 
     /// The store's settings and statistics.
     pub fn info(&self) -> &StoreInfo {
         &self.info
+    }
+
+    /// The version of OME-Zarr of the store's metadata; `None` of another program's, whatever it is.
+    pub fn ngff(&self) -> Option<Ngff> {
+        match &self.bricks {
+            Bricks::Own(own) => Some(own.ngff),
+            Bricks::Foreign(_) => None,
+        }
     }
 
     /// The reduction method of the open pyramid.
@@ -231,7 +331,7 @@ impl Store {
 
     /// The layout of the open pyramid.
     pub fn layout(&self) -> &Layout {
-        self.cores.layout()
+        &self.layout
     }
 
     /// The levels and their brick grids.
@@ -272,31 +372,47 @@ impl Store {
 
     /// Bytes of a brick's core.
     pub fn core_bytes(&self) -> usize {
-        self.cores.chunk_bytes()
+        (self.pyramid().edge() as usize).pow(3) * self.voxel_type().bytes()
     }
 
-    /// Least and greatest valid value of level 0 over all channels and time steps; (0, 0) if there is none.
+    /// Least and greatest valid value of level 0 over all channels and time steps; (0, 0) if there is none. The type's limits where only
+    /// a sample is known.
     pub fn value_range(&self) -> (f64, f64) {
+        if let Some(limits) = self.unknown_range() {
+            return limits;
+        }
         let ranges = self.info.channels.iter().filter(|c| c.count > 0).map(|c| (c.range[0], c.range[1]));
         ranges.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1))).unwrap_or((0.0, 0.0))
     }
 
-    /// Least and greatest valid value of a channel over all time steps; (0, 0) if there is none.
+    /// Least and greatest valid value of a channel over all time steps; (0, 0) if there is none. The type's limits where only a sample
+    /// is known.
     ///
     /// # Panics
     /// If there is no such channel.
     pub fn channel_range(&self, channel: u32) -> (f64, f64) {
-        self.info.channels[channel as usize].range.into()
+        self.unknown_range().unwrap_or(self.info.channels[channel as usize].range.into())
     }
 
-    /// Whether any voxel of level 0 is NaN or infinite.
+    /// The bounds of values without exact statistics.
+    fn unknown_range(&self) -> Option<(f64, f64)> {
+        (!self.has_exact_statistics()).then(|| self.voxel_type().limits())
+    }
+
+    /// Whether [`StoreInfo::channels`] are of all voxels, not of a sample.
+    pub fn has_exact_statistics(&self) -> bool {
+        !matches!(&self.bricks, Bricks::Foreign(foreign) if !foreign.is_exact())
+    }
+
+    /// Whether any voxel of level 0 is NaN or infinite, or may be.
     pub fn has_non_finite(&self) -> bool {
-        self.info.channels.iter().any(|c| c.has_non_finite())
+        let may_be = matches!(&self.bricks, Bricks::Foreign(foreign) if foreign.may_hide_non_finite());
+        may_be || self.info.channels.iter().any(|c| c.has_non_finite())
     }
 
     /// The integer for no data; `None` if undefined or unused.
     pub fn nodata(&self) -> Option<f64> {
-        let is_used = self.info.channels.iter().any(|channel| channel.nodata > 0);
+        let is_used = !self.has_exact_statistics() || self.info.channels.iter().any(|channel| channel.nodata > 0);
         self.info.nodata.filter(|_| is_used).map(|nodata| nodata as f64)
     }
 
@@ -323,7 +439,10 @@ impl Store {
     /// # Errors
     /// If the list is unreadable, or no list.
     pub fn label_names(&self) -> Result<Vec<String>, OpenError> {
-        image_labels::names(self.path())
+        match &self.bricks {
+            Bricks::Own(_) => image_labels::names(self.path()),
+            Bricks::Foreign(foreign) => Ok(foreign.label_names().to_vec()),
+        }
     }
 
     /// Whether a channel may contain this label, judging by its range and histogram.
@@ -331,6 +450,9 @@ impl Store {
     /// # Panics
     /// If there is no such channel.
     pub fn may_have_label(&self, channel: u32, label: i64) -> bool {
+        if let Some((low, high)) = self.unknown_range() {
+            return (low..=high).contains(&(label as f64));
+        }
         let ChannelStatistics { range: [low, high], histogram, .. } = &self.info.channels[channel as usize];
         let label = label as f64;
         // In counts by class, a bin's share may round to zero.
@@ -352,16 +474,22 @@ impl Store {
     ///
     /// # Errors
     /// If the page is unreadable or damaged.
+    ///
+    /// # Panics
+    /// If the store is [foreign](Store::is_foreign), and has no side data.
     pub fn read_ranges(&self, page: PageId) -> Result<RangePage, ReadError> {
-        self.sides.read_ranges(page)
+        self.own().sides.read_ranges(page)
     }
 
     /// Reads the hashes (XXH3-128) of a page's decoded cores; zeros past the grid.
     ///
     /// # Errors
     /// If the page is unreadable or damaged.
+    ///
+    /// # Panics
+    /// If the store is [foreign](Store::is_foreign), and has no side data.
     pub fn read_hashes(&self, page: PageId) -> Result<Vec<u128>, ReadError> {
-        self.sides.read_hashes(page)
+        self.own().sides.read_hashes(page)
     }
 
     /// The occupancy of a brick and its descendants, with one voxel around each. Recent pages are cached.
@@ -369,7 +497,16 @@ impl Store {
     /// # Errors
     /// If the brick's page is unreadable or damaged.
     pub fn occupancy(&self, id: BrickId) -> Result<Occupancy, ReadError> {
-        let (page, place) = self.sides.ranges_of(id)?;
+        let own = match &self.bricks {
+            Bricks::Own(own) => own,
+            Bricks::Foreign(foreign) => {
+                let bins = self.occupancy_bins(id.channel);
+                let of_range =
+                    |range: Option<(f64, f64)>| range.map_or(Occupancy::NONE, |(low, high)| bins.mask(low, high));
+                return Ok(foreign.range_around(id).map_or(Occupancy::ALL, of_range));
+            }
+        };
+        let (page, place) = own.sides.ranges_of(id)?;
         Ok(page.occupancy(place, self.occupancy_bins(id.channel)))
     }
 
@@ -378,19 +515,29 @@ impl Store {
     /// # Errors
     /// If the brick's page is unreadable or damaged.
     pub fn minmax(&self, id: BrickId) -> Result<Option<(f64, f64)>, ReadError> {
-        let (page, place) = self.sides.ranges_of(id)?;
+        let own = match &self.bricks {
+            Bricks::Own(own) => own,
+            Bricks::Foreign(foreign) => return Ok(foreign.range(id).unwrap_or(Some(self.channel_range(id.channel)))),
+        };
+        let (page, place) = own.sides.ranges_of(id)?;
         Ok(page.core(place))
     }
 
     /// Most memory of open shards and pages of side data, in bytes, at any size of store. Excludes callers' buffers.
     pub fn cache_bytes(&self) -> u64 {
-        self.chunks().map(Chunks::cache_bytes).sum::<u64>() + self.sides.cache_bytes()
+        match &self.bricks {
+            Bricks::Own(own) => self.chunks().map(Chunks::cache_bytes).sum::<u64>() + own.sides.cache_bytes(),
+            Bricks::Foreign(foreign) => foreign.cache_bytes(),
+        }
     }
 
     /// Requests read-ahead of these bricks and their stored aprons, opening their shards if needed. Shards that fail to
     /// open are reported by the read.
     pub fn advise(&self, ids: &[BrickId]) {
-        self.chunks().for_each(|chunks| chunks.advise(ids));
+        match &self.bricks {
+            Bricks::Own(_) => self.chunks().for_each(|chunks| chunks.advise(ids)),
+            Bricks::Foreign(_) => {}
+        }
     }
 
     /// Decodes a brick's core, `edge`^3 little-endian voxels, x fastest, into `out`. Absent bricks are all zero. Voxels
@@ -403,7 +550,10 @@ impl Store {
     /// # Panics
     /// If there is no such brick or `out` is not [`Store::core_bytes`] long.
     pub fn read_core(&self, id: BrickId, out: &mut [u8]) -> Result<(), ReadError> {
-        self.cores.read(id, out)
+        match &self.bricks {
+            Bricks::Own(own) => own.cores.read(id, out),
+            Bricks::Foreign(foreign) => foreign.read(id, out),
+        }
     }
 
     /// The shape of the stored aprons; `None` if none are stored.
@@ -420,7 +570,7 @@ impl Store {
     /// # Panics
     /// If there is no such brick, the store has no aprons, or `out` is not an apron's length.
     pub fn read_apron(&self, id: BrickId, out: &mut [u8]) -> Result<(), ReadError> {
-        self.aprons.as_ref().expect("aprons are stored").read(id, out)
+        self.aprons().expect("aprons are stored").read(id, out)
     }
 
     /// Total file size of this pyramid's aprons in bytes; 0 if none are stored. Reads all fingerprints.
@@ -428,7 +578,7 @@ impl Store {
     /// # Errors
     /// If a page of fingerprints is unreadable or damaged.
     pub fn apron_file_bytes(&self) -> Result<u64, ReadError> {
-        let Some(aprons) = &self.aprons else { return Ok(0) };
+        let Some(aprons) = self.aprons() else { return Ok(0) };
         let pages = self
             .layout()
             .levels()
@@ -436,9 +586,13 @@ impl Store {
         pages.map(|(level, page)| Ok(aprons.files_of_page(level, page)?.1)).sum()
     }
 
-    /// Encoded bytes of bricks and aprons read since opening, including repeated and damaged ones.
+    /// Encoded bytes of bricks and aprons read since opening, including repeated and damaged ones; decoded bytes of another program's
+    /// image.
     pub fn bytes_read(&self) -> u64 {
-        self.chunks().map(Chunks::bytes_read).sum()
+        match &self.bricks {
+            Bricks::Own(_) => self.chunks().map(Chunks::bytes_read).sum(),
+            Bricks::Foreign(foreign) => foreign.bytes_read(),
+        }
     }
 
     /// Whether the brick's core is stored. Absent cores are all zero.
@@ -447,9 +601,9 @@ impl Store {
     /// If the brick's shard is missing, replaced or has a damaged index, or side data or a file cannot be read.
     ///
     /// # Panics
-    /// If there is no such brick.
+    /// If there is no such brick, or the store is [foreign](Store::is_foreign).
     pub fn is_stored(&self, id: BrickId) -> Result<bool, ReadError> {
-        self.cores.is_stored(id)
+        self.own().cores.is_stored(id)
     }
 
     /// Reads the voxels of a box of a level, little-endian, x fastest, into `out`.
@@ -488,7 +642,7 @@ impl Store {
         let shared = brick.intersect(region);
         let (min, max) = (shared.min.to_array(), shared.max.to_array());
         let row_bytes = (max[0] - min[0]) as usize * voxel_bytes;
-        let core_shape = brickyard_volume::Extent::new(edge, edge, edge);
+        let core_shape = Extent::new(edge, edge, edge);
         let origin = region.min.to_array();
         for z in min[2]..max[2] {
             for y in min[1]..max[1] {
@@ -502,19 +656,22 @@ impl Store {
 
     /// Cores, then aprons if stored.
     pub(crate) fn chunks(&self) -> impl Iterator<Item = &Chunks> {
-        std::iter::once(&self.cores).chain(self.aprons())
+        std::iter::once(self.cores()).chain(self.aprons())
     }
 
     pub(crate) fn cores(&self) -> &Chunks {
-        &self.cores
+        &self.own().cores
     }
 
     pub(crate) fn aprons(&self) -> Option<&Chunks> {
-        self.aprons.as_ref()
+        match &self.bricks {
+            Bricks::Own(own) => own.aprons.as_ref(),
+            Bricks::Foreign(_) => None,
+        }
     }
 
     pub(crate) fn sides(&self) -> &SidePages {
-        &self.sides
+        &self.own().sides
     }
 }
 
@@ -570,7 +727,6 @@ mod tests {
     use super::*;
     use crate::codec::Codec;
     use crate::test_store::{TestStore, bumps};
-    use brickyard_volume::Extent;
     use serde_json::{Value, json};
 
     fn written(spec: &TestStore) -> tempfile::TempDir {

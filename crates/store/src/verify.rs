@@ -144,7 +144,7 @@ pub fn verify_within(
     memory_bytes: u64,
     progress: impl Fn(u64, u64) + Sync,
 ) -> Result<VerifyReport, VerifyError> {
-    let store = Store::open(path)?;
+    let store = Store::open_own(path)?;
     let second = store.info().downsample.second();
     let second = second.map(|method| store.reduced(method)).transpose()?;
     let views: Vec<Store> = std::iter::once(store).chain(second).collect();

@@ -2,9 +2,11 @@
 //! whose names fit no format are hidden unless requested.
 
 use crate::keys::SCENE_FILE;
-use brickyard::background::{Background, check_folder};
+use brickyard::background::{Background, check_folder, list_choices};
 use brickyard::import::ImportError;
+use brickyard::import::zarr::Choice;
 use brickyard::openable::{has_known_name, is_store};
+use brickyard::store::is_foreign;
 use eframe::egui::{self, Button, Key, Label, Modifiers, RichText, Ui};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -30,6 +32,8 @@ pub(crate) struct FileBrowser {
     check: Option<Background<(), ImportError>>,
     /// The reason it cannot.
     refusal: Option<String>,
+    /// Another program's Zarr, asked for, whose images are being listed.
+    asked: Option<(PathBuf, Background<Vec<Choice>, ImportError>)>,
 }
 
 #[derive(Debug, PartialEq)]
@@ -43,6 +47,8 @@ struct Entry {
 enum EntryKind {
     Folder,
     Store,
+    /// One of several images of another program's Zarr.
+    Image,
     File,
 }
 
@@ -60,6 +66,7 @@ impl FileBrowser {
             wants_focus: true,
             check: Some(check_folder(folder.clone())),
             refusal: None,
+            asked: None,
             folder,
         }
     }
@@ -81,8 +88,38 @@ impl FileBrowser {
         }
     }
 
-    /// Enters a folder, or else returns the path as chosen.
+    /// Lists the images of another program's Zarr, or returns its path as chosen if there is no choice: its opening tells of any damage.
+    fn follow_asked(&mut self, ui: &Ui) -> Option<PathBuf> {
+        let (path, images) = self.asked.as_mut()?;
+        let Some(listed) = images.poll() else {
+            ui.ctx().request_repaint_after(CHECK_STEP);
+            return None;
+        };
+        let path = std::mem::take(path);
+        self.asked = None;
+        let images = listed.unwrap_or_default();
+        if images.is_empty() {
+            return Some(path);
+        }
+        let entry = |image: Choice| Entry { name: image.words, path: image.path, kind: EntryKind::Image };
+        *self = Self {
+            entries: Ok(images.into_iter().map(entry).collect()),
+            check: None,
+            refusal: Some("choose an image".into()),
+            has_all: self.has_all,
+            ..Self::new(&path)
+        };
+        None
+    }
+
+    /// Enters a folder, or else returns the path as chosen, unless it is another program's Zarr, of maybe several images.
     fn go(&mut self, path: PathBuf) -> Option<PathBuf> {
+        let is_image = |entry: &Entry| entry.kind == EntryKind::Image && entry.path == path;
+        let is_chosen = self.entries.iter().flatten().any(is_image);
+        if !is_chosen && path.is_dir() && is_foreign(&path) {
+            self.asked = Some((path.clone(), list_choices(path)));
+            return None;
+        }
         if path.is_dir() && !is_store(&path) {
             self.enter(&path);
             return None;
@@ -146,7 +183,8 @@ impl FileBrowser {
             }
             ui.add(Label::new(RichText::new(refusal).weak()).truncate());
         });
-        chosen.or_else(|| self.go(target?))
+        let asked = self.follow_asked(ui);
+        chosen.or(asked).or_else(|| self.go(target?))
     }
 
     /// Shows the field for a part of names, focused at first: arrows mark an entry, Enter opens it. Returns the listed entries, and
@@ -187,7 +225,7 @@ impl Entry {
         match self.kind {
             EntryKind::Folder => format!("{}/", self.name),
             EntryKind::Store => format!("{} (store)", self.name),
-            EntryKind::File => self.name.clone(),
+            EntryKind::Image | EntryKind::File => self.name.clone(),
         }
     }
 }
@@ -253,6 +291,54 @@ mod tests {
         assert_eq!(browser.folder, std::env::current_dir().unwrap());
         browser.enter(&root.join("gone"));
         assert!(browser.entries.unwrap_err().contains("gone: No such file"));
+    }
+
+    /// A group of Zarr with arrays of these names.
+    fn zarr_of(folder: &Path, names: &[&str]) {
+        std::fs::create_dir_all(folder).unwrap();
+        std::fs::write(folder.join("zarr.json"), r#"{"zarr_format": 3, "node_type": "group"}"#).unwrap();
+        let array = r#"{"zarr_format": 3, "node_type": "array", "shape": [4, 5, 6], "data_type": "uint8", "fill_value": 0,
+            "chunk_grid": {"name": "regular", "configuration": {"chunk_shape": [4, 5, 6]}}, "codecs": [{"name": "bytes"}],
+            "chunk_key_encoding": {"name": "default", "configuration": {"separator": "/"}}}"#;
+        for name in names {
+            std::fs::create_dir(folder.join(name)).unwrap();
+            std::fs::write(folder.join(name).join("zarr.json"), array).unwrap();
+        }
+    }
+
+    #[test]
+    fn one_of_several_images_of_a_zarr_is_chosen() {
+        let folder = tempfile::tempdir().unwrap();
+        zarr_of(&folder.path().join("several.zarr"), &["left", "right"]);
+        zarr_of(&folder.path().join("single.zarr"), &["only"]);
+        let mut harness = harness(folder.path(), &[]);
+        harness.get_by_label("single.zarr (store)").click();
+        let is_chosen = |harness: &mut Harness<'_, (FileBrowser, Option<PathBuf>)>| {
+            harness.step();
+            harness.state().1.clone()
+        };
+        let wait = |harness: &mut Harness<'_, (FileBrowser, Option<PathBuf>)>, done: &dyn Fn(&FileBrowser) -> bool| {
+            for _ in 0..1000 {
+                if is_chosen(harness).is_some() || done(&harness.state().0) {
+                    return;
+                }
+                std::thread::sleep(Duration::from_millis(10));
+            }
+            panic!("no image within ten seconds");
+        };
+        wait(&mut harness, &|_| false);
+        assert_eq!(harness.state_mut().1.take(), Some(folder.path().join("single.zarr")));
+        harness.get_by_label("several.zarr (store)").click();
+        wait(&mut harness, &|browser| browser.refusal.is_some());
+        harness.step();
+        harness.get_by_label("right (4 x 5 x 6, u8)").click();
+        wait(&mut harness, &|_| false);
+        let path = format!("{}::right", folder.path().join("several.zarr").display());
+        assert_eq!(harness.state().1, Some(PathBuf::from(path)));
+        harness.get_by_label("Up").click();
+        harness.step();
+        harness.step();
+        assert!(harness.query_by_label("single.zarr (store)").is_some());
     }
 
     fn harness<'a>(folder: &Path, names: &[&str]) -> Harness<'a, (FileBrowser, Option<PathBuf>)> {

@@ -214,6 +214,11 @@ impl VolumeSource {
         all.get(channel as usize)
     }
 
+    /// Least and greatest value of a channel, as far as they are known: by its statistics, be it of a sample, or else the source's bounds.
+    pub fn likely_range(&self, channel: u32) -> (f64, f64) {
+        self.statistics(channel).map_or_else(|| self.source.channel_range(channel), |found| found.range.into())
+    }
+
     /// The subject of a channel's transfer function: the place, extent and window to fit the function to.
     pub fn subject(&self, channel: u32) -> Subject {
         let is_labels = self.source.is_labels();

@@ -4,6 +4,7 @@
 use crate::session::volume_source::VolumeSource;
 use brickyard_export::{self as export_files, ExportError, ExportRequest, Exported};
 use brickyard_extract::{self as extract, MeshError, MeshReport, MeshRequest};
+use brickyard_import::zarr::Choice;
 use brickyard_import::{self as import, ImportError, Source};
 use brickyard_store::{self as store, Edit, EditError, EditReport, Exists, OpenError, PackError, PackOptions, Store};
 use std::any::Any;
@@ -229,6 +230,11 @@ pub fn pack(source: Arc<dyn Source>, place: PathBuf, options: PackOptions) -> Ba
 /// Checks in the background whether a folder can be opened as is: see [`import::check_folder`].
 pub fn check_folder(folder: PathBuf) -> Background<(), ImportError> {
     Background::start(move |_| import::check_folder(&folder))
+}
+
+/// Lists in the background the images of another program's Zarr to choose from: see [`import::zarr::choices`].
+pub fn list_choices(folder: PathBuf) -> Background<Vec<Choice>, ImportError> {
+    Background::start(move |_| import::zarr::choices(&folder))
 }
 
 /// Interval of checking whether another pack into the same store has ended.

@@ -37,7 +37,9 @@ pub(crate) fn foreign_steps(store: &Store) -> Result<Option<(PathBuf, u64)>, Ope
         return Ok(None);
     }
     let next = u64::from(store.times()) + 1;
-    let steps = |path: &Path| Ok(read_json(store.folder(), path)?["shape"][0].as_u64().unwrap_or_default());
+    let steps = |path: &Path| -> Result<u64, OpenError> {
+        Ok(read_json(store.folder(), path)?["shape"][0].as_u64().unwrap_or_default())
+    };
     let is_there = |path: &Path| store.folder().file(path).is_ok();
     let mut documents: Vec<PathBuf> = array_dirs(store).iter().map(|dir| dir.join("zarr.json")).collect();
     let Some(finest) = documents.pop() else { return Ok(None) };

@@ -48,7 +48,7 @@ struct Planned {
 
 impl Planned {
     fn new(dir: &Path, edit: &Edit, work: &Work) -> Result<Self, EditError> {
-        let store = Store::open(dir)?;
+        let store = Store::open_own(dir)?;
         let edited = Edited::of(store.folder(), edit)?;
         let stored = store.info();
         let options = PackOptions {
@@ -60,6 +60,7 @@ impl Planned {
             kind: Kind::Labels,
             name: None,
             aprons: stored.aprons,
+            ngff: None,
             memory_bytes: work.memory_bytes,
             threads: work.threads,
             exists: Exists::Overwrite,
@@ -99,7 +100,7 @@ pub(super) fn remake(disk: &Disk, dir: &Path, edit: &Edit, work: &Work) -> Resul
     }
     output.finish(disk).map_err(|error| {
         // Nothing is there between two renames, which the next writer completes.
-        let is_edited = !dir.exists() || Store::open(dir).is_ok_and(|store| store.info().kind == Kind::Labels);
+        let is_edited = !dir.exists() || Store::open_own(dir).is_ok_and(|store| store.info().kind == Kind::Labels);
         match error {
             PackError::Io { error, .. } if is_edited => EditError::Unsynced { store: dir.into(), error },
             error => unchanged(error),
@@ -140,7 +141,7 @@ impl Planned {
                 EditError::Levels { store: dir.into(), problem: format!("this program's fault: {words}") }
             }
         })?;
-        let info = parse_info(&root_path, &edited.root)?;
+        let info = parse_info(&root_path, &edited.root.document)?;
         let write = || {
             for Stage { layout, level, .. } in plan.stages.iter().filter(|stage| stage.level > Level(0)) {
                 for (path, document) in array_documents(new, layout, *level, &info) {
@@ -148,7 +149,7 @@ impl Planned {
                 }
             }
             disk.sync_parts(new, [Part::Tree(new)])?;
-            disk.write(&new.join("zarr.json"), &document_bytes(&edited.root))?;
+            disk.write(&new.join("zarr.json"), &edited.text)?;
             disk.sync_dir(new)
         };
         write().map_err(unchanged)

@@ -3,7 +3,7 @@
 use super::*;
 use crate::append::{AppendOptions, Appender};
 use crate::layout::JOURNAL_NAME;
-use crate::metadata::Kind;
+use crate::metadata::{Kind, document_bytes};
 use crate::pack::tests::CancelledAtOnce;
 use crate::pack::tests::trial::Trial;
 use crate::pack::tests::{Array, files, mean_and_max, options, value};

@@ -38,9 +38,9 @@ fn is_longer(expected: &Value, found: &Value) -> bool {
     expected.1 == found.1 && expected.0 <= found.0
 }
 
-/// The remedy for a store written by another program.
+/// The remedy for a store written by another program, which is only read.
 pub(crate) const OTHERS_STORE: &str =
-    "export it to .npy, .raw, NIfTI or TIFF with the program that wrote it, and pack that";
+    "it is drawn and exported where it lies; 'brickyard pack INPUT STORE' makes a store of it";
 
 /// Reads settings and statistics from the root document.
 pub(crate) fn parse_info(path: &Path, root: &Value) -> Result<StoreInfo, OpenError> {
@@ -174,6 +174,25 @@ pub(crate) fn parse_geometry(
         }
     }
     Ok(geometry)
+}
+
+/// Reads level 0's placement, without a look at the levels.
+pub(crate) fn parse_unchecked_geometry(path: &Path, root: &Value, info: &StoreInfo) -> Result<Geometry, OpenError> {
+    let multiscale = &root["attributes"]["ome"]["multiscales"][0];
+    let axes = multiscale["axes"].as_array().map_or(0, Vec::len);
+    let transforms = &multiscale["datasets"][0]["coordinateTransformations"];
+    let placed = spatial(transforms, "scale", axes).zip(spatial(transforms, "translation", axes));
+    let Some((spacing, origin)) = placed else {
+        let field = "attributes.ome.multiscales[0].datasets[0].coordinateTransformations";
+        return Err(OpenError::invalid(
+            path,
+            field,
+            format!("a scale and a translation of {axes} numbers"),
+            transforms,
+        ));
+    };
+    let (unit, axis_units) = spatial_units(&multiscale["axes"], info);
+    Ok(Geometry { spacing, origin, unit, axis_units })
 }
 
 /// The unit of all axes of space, or the units of x, y and z. Lengths are OME-Zarr's, whose edits count.

@@ -154,37 +154,42 @@ impl<T: Measure> Workspace<T> {
 
     /// Reduces the digested core `i` to its part of the next level, by `factor` voxels.
     pub(crate) fn reduce(&mut self, i: usize, shape: [usize; 3], factor: [usize; 3], method: Downsample) {
-        // Odd extents include one of the padding voxels.
-        let shape: [usize; 3] = std::array::from_fn(|a| shape[a].next_multiple_of(factor[a]));
-        let reduction = Reduction { method, edge: self.edge, shape, factor };
-        let Some(nodata) = self.nodata else { return self.reduce_whole(i, reduction) };
-        let mut is_marked = nodata::is_in(self.core(i), nodata);
-        if !is_marked {
-            self.reduce_whole(i, reduction);
-            // A mean may equal that value even if no voxel does.
-            let voxels = (0..3).map(|a| shape[a] / factor[a]).product();
-            is_marked = nodata::is_in(&self.coarse[..voxels], nodata);
-        }
-        if is_marked {
-            let core = &self.cores[i * self.edge.pow(3)..][..self.edge.pow(3)];
-            nodata::downsample(reduction, core, nodata, &mut self.coarse);
-        }
-    }
-
-    /// Reduces core `i`, whose integers all have data, to its part of the next level.
-    fn reduce_whole(&mut self, i: usize, reduction: Reduction) {
         let core = &self.cores[i * self.edge.pow(3)..][..self.edge.pow(3)];
-        #[cfg(target_arch = "x86_64")]
-        if std::arch::is_x86_feature_detected!("avx2") {
-            #[target_feature(enable = "avx2")]
-            fn downsample_avx2<T: Measure>(reduction: Reduction, core: &[T], out: &mut [T]) {
-                downsample(reduction, core, out);
-            }
-            // SAFETY: the processor has the feature.
-            return unsafe { downsample_avx2(reduction, core, &mut self.coarse) };
-        }
-        downsample(reduction, core, &mut self.coarse);
+        reduce(Reduction { method, edge: self.edge, shape, factor }, core, self.nodata, &mut self.coarse);
     }
+}
+
+/// Reduces a padded core, of `reduction.shape` voxels, to its part of the next level, packed in `out`. A voxel is `nodata` only if all of its finer
+/// ones are.
+pub(crate) fn reduce<T: Measure>(reduction: Reduction, core: &[T], nodata: Option<T>, out: &mut [T]) {
+    // Odd extents include one of the padding voxels.
+    let shape: [usize; 3] = std::array::from_fn(|a| reduction.shape[a].next_multiple_of(reduction.factor[a]));
+    let reduction = Reduction { shape, ..reduction };
+    let Some(nodata) = nodata else { return reduce_whole(reduction, core, out) };
+    let mut is_marked = nodata::is_in(core, nodata);
+    if !is_marked {
+        reduce_whole(reduction, core, out);
+        // A mean may equal that value even if no voxel does.
+        let voxels = (0..3).map(|a| shape[a] / reduction.factor[a]).product();
+        is_marked = nodata::is_in(&out[..voxels], nodata);
+    }
+    if is_marked {
+        nodata::downsample(reduction, core, nodata, out);
+    }
+}
+
+/// Reduces a core, whose integers all have data, to its part of the next level.
+fn reduce_whole<T: Measure>(reduction: Reduction, core: &[T], out: &mut [T]) {
+    #[cfg(target_arch = "x86_64")]
+    if std::arch::is_x86_feature_detected!("avx2") {
+        #[target_feature(enable = "avx2")]
+        fn downsample_avx2<T: Measure>(reduction: Reduction, core: &[T], out: &mut [T]) {
+            downsample(reduction, core, out);
+        }
+        // SAFETY: the processor has the feature.
+        return unsafe { downsample_avx2(reduction, core, out) };
+    }
+    downsample(reduction, core, out);
 }
 
 /// Copies by cache lines, cheaper than a call for each short row.

@@ -13,6 +13,7 @@ use crate::inside::{check_outside, located, named};
 use crate::json::read_json;
 use crate::kind::Kind;
 use crate::layout::{JOURNAL_NAME, LABELS_NAME};
+use crate::ngff::{Ngff, in_version};
 use brickyard_import::SourceInfo;
 use brickyard_volume::units::LengthUnit;
 use brickyard_volume::{Geometry, Orientation};
@@ -21,28 +22,44 @@ use serde_json::{Value, json};
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
-/// The version of OME-Zarr of all stores. A hierarchy of several versions is not permitted.
-const OME_VERSION: &str = "0.5";
-
 /// From a store of labels to its image, as `image-label` has it.
 pub(crate) const TO_IMAGE: &str = "../../";
 
 /// The place of a store, present or future, among an image's labels.
 pub(crate) struct ImageLabels {
     image: PathBuf,
+    /// The version of the image, and so of its labels: a hierarchy has one.
+    ngff: Ngff,
     /// The image's folder `labels`, by the store's own path.
     folder: PathBuf,
     store: PathBuf,
 }
 
 impl ImageLabels {
-    /// A store's place; `None` unless directly in the folder `labels` of an OME-Zarr image of the stores' version.
+    /// A store's place; `None` unless directly in the folder `labels` of an OME-Zarr image of a version of stores.
     pub(crate) fn around(store: &Path) -> Result<Option<Self>, DiskError> {
         let Some(image) = image_around(store) else { return Ok(None) };
-        let root = root_of(&image)?;
-        let is_fit = root.is_some_and(|root| is_image(&root) && root["attributes"]["ome"]["version"] == OME_VERSION);
+        let Some(ngff) = root_of(&image)?.filter(is_image).as_ref().and_then(Ngff::of) else { return Ok(None) };
         let folder = named(store.parent().unwrap_or(Path::new(""))).to_path_buf();
-        Ok(is_fit.then(|| Self { image, folder, store: store.into() }))
+        Ok(Some(Self { image, ngff, folder, store: store.into() }))
+    }
+
+    /// The version of a store here.
+    ///
+    /// # Errors
+    /// If another one is asked for.
+    pub(crate) fn ngff(&self, asked: Option<Ngff>) -> Result<Ngff, PackError> {
+        match asked {
+            Some(asked) if asked != self.ngff => {
+                let (image, ngff) = (self.image.display(), self.ngff);
+                let problem = format!(
+                    "lies among the labels of {image}, of OME-Zarr {ngff}, and an image and its labels have one version: \
+                     choose `ngff` {ngff}, or change that of the image first"
+                );
+                Err(PackError::Labels { path: self.store.clone(), problem })
+            }
+            _ => Ok(self.ngff),
+        }
     }
 
     pub(crate) fn image(&self) -> &Path {
@@ -80,7 +97,7 @@ impl ImageLabels {
             let ome = &mut document["attributes"]["ome"];
             ome["labels"] = names;
             if ome["version"].is_null() {
-                ome["version"] = json!(OME_VERSION);
+                ome["version"] = json!(self.ngff.name());
             }
             disk.write(&list_path(&self.folder), &document_bytes(&document))?;
         }
@@ -140,12 +157,12 @@ pub(crate) fn unlisted_reason(store: &Path) -> Option<String> {
     let image = image_around(store)?;
     let others = |version: &str| {
         let image = image.display();
-        format!("{image} is an OME-Zarr image of version {version}, which takes no labels of {OME_VERSION}")
+        format!("{image} is an OME-Zarr image of version {version}, which takes no labels of 0.5 or 0.6")
     };
     let reason = match root_of(&image) {
-        Ok(Some(root)) if is_image(&root) => match root["attributes"]["ome"]["version"].as_str() {
-            Some(OME_VERSION) => return None,
-            version => others(version.unwrap_or("unknown")),
+        Ok(Some(root)) if is_image(&root) => match Ngff::of(&root) {
+            Some(_) => return None,
+            None => others(root["attributes"]["ome"]["version"].as_str().unwrap_or("unknown")),
         },
         _ if image.join(JOURNAL_NAME).exists() => format!("{} is not packed to its end", image.display()),
         _ => {
@@ -244,6 +261,7 @@ struct Frame {
 
 impl Frame {
     fn of(image: &Path, root: &Value) -> Option<Self> {
+        let root = &in_version(&image.join("zarr.json"), root, Ngff::V05).ok()?;
         let multiscale = &root["attributes"]["ome"]["multiscales"][0];
         let axes = multiscale["axes"].as_array()?;
         let place = |name: &str| axes.iter().position(|axis| axis["name"] == name);

@@ -17,12 +17,13 @@ use crate::folder::Folder;
 use crate::inside::{check_outside, named};
 use crate::json::read_json;
 use crate::layout::{JOURNAL_NAME, LOCK_NAME};
+use crate::ngff::Ngff;
 use crate::pack::disk::{Disk, DiskError, free_bytes, missing, nearest, temporary, with_suffix};
 use crate::pack::image_labels::ImageLabels;
 use crate::pack::journal::{Head, Journal};
 use crate::pack::lock::{self, DirLock};
 use crate::pack::plan::PackPlan;
-use crate::pack::{Exists, PackError, fingerprint, ours};
+use crate::pack::{Exists, OF_VERSION, PackError, fingerprint, ours};
 use rustix::fs::Access;
 use serde_json::Value;
 use std::ffi::OsString;
@@ -389,6 +390,44 @@ pub(crate) fn end_edit(disk: &Disk, dir: &Path) -> Result<(), PackError> {
     disk.rename_dir(&beside, dir)?;
     lock.moved(dir);
     tidy(disk, dir, Head::of(dir)?.replaces.as_deref())
+}
+
+/// The version of a pack's store: the one asked for, or that of the image around it, of what is there, or 0.5.
+///
+/// # Errors
+/// If the image has another one, or what is there cannot be read.
+pub(crate) fn version_for(store: &Path, asked: Option<Ngff>) -> Result<Ngff, PackError> {
+    let store = resolve(store)?;
+    if let Some(labels) = ImageLabels::around(&store)? {
+        return labels.ngff(asked);
+    }
+    if let Some(asked) = asked {
+        return Ok(asked);
+    }
+    for dir in [&with_suffix(&store, ".packing"), &store] {
+        if dir.join(JOURNAL_NAME).is_file() {
+            let settings = Head::of(dir)?.settings;
+            return Ok(Ngff::ALL.into_iter().find(|ngff| settings[OF_VERSION] == ngff.name()).unwrap_or_default());
+        }
+    }
+    Ok(version_at(&store).unwrap_or_default())
+}
+
+/// Refuses a finished store of another version.
+pub(crate) fn check_version(store: &Path, ngff: Ngff) -> Result<(), PackError> {
+    match version_at(store).filter(|found| *found != ngff) {
+        Some(found) => {
+            let difference = format!("it is finished, in OME-Zarr {found} (`upgrade` changes that without a pack)");
+            Err(PackError::Mismatch { store: store.into(), difference })
+        }
+        None => Ok(()),
+    }
+}
+
+/// The version of a finished store, if there is one.
+fn version_at(store: &Path) -> Option<Ngff> {
+    let root = read_json(&Folder::open(store).ok()?, &store.join("zarr.json")).ok()?;
+    Ngff::of(&root).filter(|_| !root["attributes"]["brickyard"].is_null())
 }
 
 fn is_store(path: &Path, with: &str) -> Result<bool, PackError> {

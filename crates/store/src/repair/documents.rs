@@ -6,6 +6,7 @@ use crate::folder::Folder;
 use crate::json::read_json;
 use crate::layout::Layout;
 use crate::metadata::{StoreInfo, document_bytes, parse_geometry, parse_info, parse_layout};
+use crate::ngff::Root;
 use crate::pack::disk::{Disk, DiskError};
 use crate::pack::output::parent;
 use crate::side::array_documents;
@@ -19,7 +20,7 @@ use std::path::{Path, PathBuf};
 pub(super) fn damaged(folder: &Folder, source: &SourceInfo) -> Result<Vec<(PathBuf, Value)>, RepairError> {
     let store = folder.path();
     let root_path = store.join("zarr.json");
-    let root = read_json(folder, &root_path)?;
+    let root = Root::read(folder, &root_path)?.document;
     let info = parse_info(&root_path, &root)?;
     let layout = layout(folder, &root, &info, source)?;
     parse_geometry(&root_path, &root, &layout, &info)?;

@@ -7,8 +7,9 @@
 
 use crate::append::{FOREIGN_STEPS, foreign_steps};
 use crate::error::OpenError;
-use crate::json::{parse_json, read_json};
+use crate::json::read_json;
 use crate::metadata::{root_document, voxel_documents};
+use crate::ngff::Root;
 use crate::shard_file::IoMode;
 use crate::side::side_documents;
 use crate::store::Store;
@@ -44,9 +45,11 @@ pub(crate) fn check<'a>(
     let mut root = unless_barred(root)?;
     let times = main.info().times.map(|times| times..=count_of(&root).unwrap_or(times).saturating_add(1));
     let path = main.path().join("zarr.json");
-    let edits = root.as_mut().map_or_else(|_| Vec::new(), |root| take_edits(&expected, root));
+    let edits = root.as_mut().map_or_else(|_| Vec::new(), |root| take_edits(&expected, &mut root.document));
     let edits = edits.into_iter().map(|what| VerifyProblem { brick: None, path: path.clone(), what }).collect();
-    let of_root = check_one(path.clone(), &expected, root);
+    let of_patient = root.as_ref().ok().and_then(|root| root.patient_change(&path));
+    let of_patient = of_patient.map(|what| VerifyProblem { brick: None, path: path.clone(), what });
+    let of_root = check_one(path.clone(), &expected, root.map(|root| root.document)).or(of_patient);
     let checked = documents.into_iter().zip(found).map(|((path, expected), found)| {
         let found = found.map(|found| with_committed_times(&expected, found, times.as_ref()));
         check_one(path, &expected, found)
@@ -102,10 +105,11 @@ fn take_edits(expected: &Value, root: &mut Value) -> Vec<String> {
 
 /// The first change of the root document found, with the store it describes, since it was written; edits of channels' looks are none. `None` if there
 /// is no change.
-pub(crate) fn root_change(store: &Store, mut root: Value) -> Option<String> {
+pub(crate) fn root_change(store: &Store, mut root: Root) -> Option<String> {
     let expected = root_document(store.layout(), store.geometry(), store.info());
-    take_edits(&expected, &mut root);
-    difference(&expected, &root, &mut String::new())
+    take_edits(&expected, &mut root.document);
+    let of_patient = || root.patient_change(&store.path().join("zarr.json"));
+    difference(&expected, &root.document, &mut String::new()).or_else(of_patient)
 }
 
 /// The first difference of an array's document from the expected one, in a store of so many steps, if counted: one more is permitted then.
@@ -130,7 +134,7 @@ fn foreign(main: &Store) -> Option<VerifyProblem> {
 
 /// The expected and the actual root document. Since steps may have been appended, the expected one is generated from
 /// the present text, if that is a store.
-fn root_now(main: &Store) -> (Value, Result<Value, OpenError>) {
+fn root_now(main: &Store) -> (Value, Result<Root, OpenError>) {
     let path = main.path().join("zarr.json");
     let document = |store: &Store| root_document(store.layout(), store.geometry(), store.info());
     let text = match main.folder().document(&path) {
@@ -140,12 +144,12 @@ fn root_now(main: &Store) -> (Value, Result<Value, OpenError>) {
     let has_grown = |now: &Store| main.info().times.is_none_or(|times| now.times() > times);
     let open = || Store::open_with_root(main.folder(), IoMode::default(), None, &text).ok().filter(has_grown);
     let now = if main.was_opened_with(&text) { None } else { open() };
-    (document(now.as_ref().unwrap_or(main)), parse_json(&path, &text))
+    (document(now.as_ref().unwrap_or(main)), Root::parse(&path, &text))
 }
 
 /// The root document's number of time steps; `None` if absent or unreadable.
-fn count_of(root: &Result<Value, OpenError>) -> Option<u32> {
-    root.as_ref().ok()?["attributes"]["brickyard"]["times"].as_u64()?.try_into().ok()
+fn count_of(root: &Result<Root, OpenError>) -> Option<u32> {
+    root.as_ref().ok()?.document["attributes"]["brickyard"]["times"].as_u64()?.try_into().ok()
 }
 
 /// An array's document with any permitted number of time steps replaced by the expected one.

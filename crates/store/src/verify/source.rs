@@ -31,7 +31,7 @@ pub fn compare_within(
     threads: usize,
     progress: impl Fn(u64, u64) + Sync,
 ) -> Result<Option<VerifyProblem>, VerifyError> {
-    let store = Store::open(path)?;
+    let store = Store::open_own(path)?;
     let info = source.info();
     let volume = (store.pyramid().levels()[0].extent, store.times(), store.channels(), store.voxel_type());
     if volume != (info.extent, info.times, info.channels, info.voxel_type) {

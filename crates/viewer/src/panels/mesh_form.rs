@@ -88,7 +88,7 @@ impl MeshForm {
 }
 
 fn isovalue(ui: &mut Ui, value: &mut f64, part: &Part, volume: &VolumeSource) {
-    let (low, high) = part.store.channel_range(part.channel);
+    let (low, high) = volume.likely_range(part.channel);
     row(ui, "isovalue", "the border of all values of at least this", |ui, label| {
         let unit = suffix(volume.value_unit(part.channel));
         number(ui, value, ANY, high - low, VALUE_WIDTH, unit).labelled_by(label);
@@ -97,7 +97,7 @@ fn isovalue(ui: &mut Ui, value: &mut f64, part: &Part, volume: &VolumeSource) {
 }
 
 fn labels(ui: &mut Ui, surface: &mut MeshSurface, part: &Part) {
-    let (low, high) = part.store.channel_range(part.channel);
+    let [low, high] = part.store.info().channels[part.channel as usize].range;
     row(ui, "labels", "the border of one label, or of each but the background, 0", |ui, label| {
         let mut are_all = *surface == MeshSurface::Labels;
         if ui.checkbox(&mut are_all, "all, an object for each").changed() {

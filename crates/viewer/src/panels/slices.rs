@@ -71,7 +71,7 @@ fn window_of(ui: &mut Ui, planes: &mut Planes, scene: &Scene, volumes: &[VolumeS
 fn is_tomography(scene: &Scene, volumes: &[VolumeSource]) -> bool {
     let range = first_shown(scene).and_then(|layer| {
         let volume = volumes.get(scene.store(layer))?;
-        Some(volume.source.channel_range(scene.layers[layer].channel))
+        Some(volume.likely_range(scene.layers[layer].channel))
     });
     range.is_some_and(|(low, high)| (-4096.0..-200.0).contains(&low) && (300.0..70_000.0).contains(&high))
 }

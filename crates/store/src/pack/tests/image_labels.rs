@@ -340,9 +340,9 @@ fn images_of_other_programs_have_labels_if_their_version_is_ours() {
             "attributes": { "ome": { "version": version, "multiscales": [multiscale] } } })
     };
     write(&image.join("s0"), &json!({ "shape": [3, 20, 33, 40] }));
-    write(&image, &root("0.6"));
+    write(&image, &root("0.7"));
     let found = remarks(&numbers(), &path);
-    assert!(found.len() == 1 && found[0].contains("is not listed") && found[0].contains("version 0.6"), "{found:?}");
+    assert!(found.len() == 1 && found[0].contains("is not listed") && found[0].contains("version 0.7"), "{found:?}");
     pack(&numbers(), &path, &of_labels(), &()).unwrap();
     assert!(!image.join("labels/zarr.json").exists() && image_label(&path) == json!({}));
     std::fs::remove_dir_all(image.join("labels")).unwrap();

@@ -1,0 +1,383 @@
+//! Another program's image, drawn where it lies: bricks cut from the boxes of its own levels; of levels it lacks, made from the next finer ones.
+//!
+//! Opening reads documents and a sample of the voxels, for a window to begin with ([`sample`]). Nothing is written into the image. A brick of
+//! one of its levels costs its chunks (the reader keeps the last ones); a made brick costs up to eight finer bricks, and is kept.
+
+mod cache;
+mod fingerprint;
+mod index;
+mod levels;
+mod made;
+mod sample;
+#[cfg(test)]
+mod tests;
+
+use crate::codec::Codec;
+use crate::downsample::{Downsample, Reductions};
+use crate::error::{OpenError, ReadError};
+use crate::folder::Folder;
+use crate::json::read_json;
+use crate::kind::Kind;
+use crate::layout::{JOURNAL_NAME, Layout, SIDE_NAME};
+use crate::metadata::{ChannelDisplay, ChannelStatistics, FORMAT_VERSION, StoreInfo};
+use crate::pack::plan::check_input;
+use brickyard_import::zarr::{open_image, zarr_folder};
+use brickyard_import::{Image, Note, Source, SourceInfo};
+use brickyard_volume::{
+    BrickId, DEFAULT_BRICK_EDGE, Extent, Geometry, LabelColor, Level, Placement, Pyramid, TimeAxis, VoxelBox, VoxelType,
+};
+use cache::Cache;
+use index::Index;
+pub use index::{IndexError, IndexReport, index};
+use levels::Levels;
+use made::Made;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, OnceLock};
+use std::time::SystemTime;
+
+/// Version of everything in the cache: changes with the kernels that make levels, and with the index.
+const CACHE_VERSION: u32 = 1;
+
+/// Most bytes of a chunk: one must fit in memory several times.
+const MOST_CHUNK_BYTES: u64 = 1 << 30;
+
+/// An image of another program, open.
+pub(crate) struct Foreign {
+    path: PathBuf,
+    image: Image,
+    levels: Levels,
+    method: Downsample,
+    made: Made,
+    cache: Cache,
+    /// Before the first byte was read.
+    opened: SystemTime,
+    /// The state of the files of all levels used; looked at when first asked for.
+    state: OnceLock<Option<u64>>,
+    /// Of the index, if there is one; else of a sample.
+    statistics: Vec<ChannelStatistics>,
+    is_exact: bool,
+    index: Option<Index>,
+    notes: Vec<Note>,
+    bytes_read: AtomicU64,
+}
+
+/// A foreign image in the terms of a store.
+pub(crate) struct Described {
+    pub(crate) layout: Layout,
+    pub(crate) geometry: Geometry,
+    pub(crate) placement: Placement,
+    pub(crate) time: Option<TimeAxis>,
+    pub(crate) info: StoreInfo,
+    pub(crate) displays: Vec<ChannelDisplay>,
+    pub(crate) label_colors: Vec<LabelColor>,
+}
+
+/// Whether a path is another program's Zarr, or `FOLDER::PATH` for a place in one; brickyard's own stores, finished or not, are not.
+pub fn is_foreign(path: &Path) -> bool {
+    let Some(folder) = zarr_folder(path).filter(|folder| !folder.join(JOURNAL_NAME).exists()) else { return false };
+    let document = folder.join("zarr.json");
+    let root = Folder::open(&folder).ok().and_then(|opened| read_json(&opened, &document).ok());
+    // A damaged document of brickyard's has its side data beside it.
+    let has_side_data = || folder.join("0").join(SIDE_NAME).is_dir();
+    let is_own = root.map_or_else(has_side_data, |root| !root["attributes"]["brickyard"].is_null());
+    folder != path || !is_own && !crate::inside::is_inside(&folder)
+}
+
+impl Foreign {
+    /// Opens an image and takes a sample of it.
+    ///
+    /// # Errors
+    /// If there is no image, several without a choice, one that no store can describe, or no chunk of the sample can be read.
+    pub(crate) fn open(path: &Path) -> Result<Self, OpenError> {
+        let opened = SystemTime::now();
+        Self::of(path, open_image(path)?, opened)
+    }
+
+    /// Describes an image, opened from `path`, and takes a sample of it.
+    fn of(path: &Path, image: Image, opened: SystemTime) -> Result<Self, OpenError> {
+        let info = image.levels[0].source.info();
+        let chunk_bytes = |chunk: Extent| chunk.volume().saturating_mul(info.voxel_type.bytes() as u64);
+        if let Some(chunk) = image.levels.iter().filter_map(|level| level.source.piece()).max_by_key(|c| c.volume())
+            && chunk_bytes(chunk) > MOST_CHUNK_BYTES
+        {
+            let what = format!(
+                "chunks of {chunk} voxels are too large to be read where they lie; 'brickyard pack' reads each once"
+            );
+            return Err(OpenError::Unfit { path: path.into(), what });
+        }
+        check_input(info).map_err(|error| OpenError::Unfit { path: path.into(), what: error.to_string() })?;
+        let kind = Kind::said_by(info);
+        let method = Reductions::default_for(kind).main();
+        let levels = Levels::of(&image.levels, DEFAULT_BRICK_EDGE);
+        let made = Made::new(levels.pyramid(), info.voxel_type);
+        let notes = [&info.notes[..], &levels.notes(&image.levels)].concat();
+        let mut foreign = Self {
+            path: path.into(),
+            cache: Cache::of(&format!("{CACHE_VERSION} {} {DEFAULT_BRICK_EDGE} {}", method.name(), info.identity)),
+            opened,
+            state: OnceLock::new(),
+            image,
+            levels,
+            method,
+            made,
+            statistics: Vec::new(),
+            is_exact: true,
+            index: None,
+            notes,
+            bytes_read: AtomicU64::new(0),
+        };
+        foreign.learn()?;
+        Ok(foreign)
+    }
+
+    /// Takes the statistics of the kept index, or else of a sample.
+    fn learn(&mut self) -> Result<(), OpenError> {
+        self.index = Index::kept(self);
+        self.statistics = match &self.index {
+            Some(index) => index.channels.clone(),
+            None => {
+                let sample = sample::of(&self.image.levels)?;
+                self.is_exact = sample.is_whole;
+                sample.channels
+            }
+        };
+        let looks = &self.image.levels[0].source.info().channel_looks;
+        self.statistics.iter_mut().zip(looks).for_each(|(channel, look)| channel.take_look(look));
+        Ok(())
+    }
+
+    /// The image in the terms of a store.
+    ///
+    /// # Errors
+    /// If its orientation does not fit its spacing.
+    pub(crate) fn describe(&self) -> Result<Described, OpenError> {
+        let source = self.source();
+        let pyramid = self.levels.pyramid().clone();
+        let layout = Layout::new(pyramid, source.times, source.channels, DEFAULT_BRICK_EDGE);
+        let info = self.info(source);
+        let unfit = |error: brickyard_volume::PlacementError| OpenError::Unfit {
+            path: self.path.clone(),
+            what: error.to_string(),
+        };
+        let placement = info.orientation.map(|orientation| orientation.placement(&source.geometry)).transpose();
+        let mut displays = ChannelDisplay::of_channels(&info.channels);
+        for channel in &self.image.presentation.hidden_channels {
+            displays[*channel as usize].is_visible = false;
+        }
+        Ok(Described {
+            layout,
+            geometry: source.geometry.clone(),
+            placement: placement.map_err(unfit)?.unwrap_or_default(),
+            time: source.time.clone(),
+            info,
+            displays,
+            label_colors: self.image.presentation.label_colors.clone(),
+        })
+    }
+
+    fn info(&self, source: &SourceInfo) -> StoreInfo {
+        let is_float = source.voxel_type.is_float();
+        StoreInfo {
+            version: FORMAT_VERSION,
+            name: self.image.presentation.name.clone(),
+            edge: DEFAULT_BRICK_EDGE,
+            shard: DEFAULT_BRICK_EDGE,
+            shard_times: 1,
+            voxel_type: source.voxel_type,
+            codec: Codec::None,
+            downsample: self.method.into(),
+            kind: Kind::said_by(source),
+            image_label: source.kind.are_labels(),
+            nodata: source.nodata.filter(|_| !is_float).map(|nodata| nodata as i64),
+            blanked: source.nodata.filter(|_| is_float),
+            aprons: 0,
+            spacing: source.geometry.spacing.to_array(),
+            axis_units: source.geometry.axis_units.clone(),
+            calibrated: source.calibrated,
+            orientation: source.orientation,
+            turned: source.turned,
+            flipped: source.flip.unwrap_or_default(),
+            time: source.time.clone(),
+            times: None,
+            channels: self.statistics.clone(),
+            source: source.identity.clone(),
+            settings_fingerprint: source.identity.clone(),
+            complete: true,
+        }
+    }
+
+    /// The image's folder in the user's cache.
+    pub(crate) fn cache(&self) -> &Cache {
+        &self.cache
+    }
+
+    /// The state of the files of all levels used, when first asked for; `None` if it cannot be told.
+    pub(crate) fn state(&self) -> Option<u64> {
+        *self.state.get_or_init(|| self.state_now())
+    }
+
+    /// The present state of these files.
+    fn state_now(&self) -> Option<u64> {
+        let used = self.image.levels.iter().filter(|level| self.levels.uses(&level.source));
+        let mut states = used.map(|level| fingerprint::of(&level.folder, self.opened));
+        states.try_fold(0, |all: u64, one| Some(all.rotate_left(7) ^ one?))
+    }
+
+    /// Least and greatest valid value of a brick, its descendants and the bricks around it, if the image is indexed.
+    pub(crate) fn range_around(&self, id: BrickId) -> Option<Option<(f64, f64)>> {
+        self.index.as_ref().map(|index| index.around(self.pyramid(), id))
+    }
+
+    /// The same of the brick and its descendants alone.
+    pub(crate) fn range(&self, id: BrickId) -> Option<Option<(f64, f64)>> {
+        self.index.as_ref().map(|index| index.core(self.pyramid(), id))
+    }
+
+    pub(crate) fn pyramid(&self) -> &Pyramid {
+        self.levels.pyramid()
+    }
+
+    pub(crate) fn voxel_type(&self) -> VoxelType {
+        self.source().voxel_type
+    }
+
+    /// The value of voxels without data, as the image has it.
+    pub(crate) fn nodata(&self) -> Option<f64> {
+        self.source().sought_nodata()
+    }
+
+    fn source(&self) -> &SourceInfo {
+        self.image.levels[0].source.info()
+    }
+
+    /// The path given on opening.
+    pub(crate) fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// The reduction behind levels made here.
+    pub(crate) fn method(&self) -> Downsample {
+        self.method
+    }
+
+    /// Voxels of a chunk of a level, the smallest piece decoded alone; `None` if the level is made.
+    pub(crate) fn chunk(&self, level: Level) -> Option<Extent> {
+        self.levels.source(level)?.piece()
+    }
+
+    pub(crate) fn notes(&self) -> &[Note] {
+        &self.notes
+    }
+
+    pub(crate) fn label_names(&self) -> &[String] {
+        &self.image.presentation.label_names
+    }
+
+    /// Whether any voxel may be NaN or infinite that the statistics, of the finest level, do not count.
+    pub(crate) fn may_hide_non_finite(&self) -> bool {
+        self.voxel_type().is_float() && (!self.is_exact || self.image.levels.len() > 1)
+    }
+
+    /// Whether the statistics are of all voxels.
+    pub(crate) fn is_exact(&self) -> bool {
+        self.is_exact
+    }
+
+    /// Decoded bytes of the image read so far for bricks.
+    pub(crate) fn bytes_read(&self) -> u64 {
+        self.bytes_read.load(Ordering::Relaxed)
+    }
+
+    /// Most memory of the readers and of made bricks, with as many threads as processors.
+    pub(crate) fn cache_bytes(&self) -> u64 {
+        let threads = std::thread::available_parallelism().map_or(1, |n| n.get()) as u64;
+        let used = || self.image.levels.iter().map(|level| &level.source).filter(|source| self.levels.uses(source));
+        let held: u64 = used().map(|source| source.held_bytes()).sum();
+        // A thread reads one level at a time.
+        let reading = used().map(|source| source.reader_bytes()).max().unwrap_or(0);
+        held + threads * reading + self.made.cache_bytes(threads) + self.index.as_ref().map_or(0, Index::bytes)
+    }
+
+    /// The error for a pyramid by another method.
+    pub(crate) fn no_reduction(&self, asked: Downsample) -> OpenError {
+        OpenError::NoReduction { path: self.path.clone(), asked, found: self.method.into() }
+    }
+
+    /// Fills `out` with a brick's core; voxels past the level's end repeat the last ones.
+    ///
+    /// # Errors
+    /// If a chunk of the image cannot be read or decoded.
+    ///
+    /// # Panics
+    /// If there is no such brick, or `out` is not a core's length.
+    pub(crate) fn read(&self, id: BrickId, out: &mut [u8]) -> Result<(), ReadError> {
+        match self.levels.source(id.level) {
+            Some(source) => self.cut(source, id, out),
+            None => self.made.read(self, id, out),
+        }
+    }
+
+    /// Cuts a brick from a level of the image.
+    fn cut(&self, source: &Arc<dyn Source>, id: BrickId, out: &mut [u8]) -> Result<(), ReadError> {
+        let region = self.region(source, id);
+        let voxel_bytes = source.info().voxel_type.bytes();
+        let shape = region.extent().to_array().map(|n| n as usize);
+        let (edge, bytes) = (DEFAULT_BRICK_EDGE as usize, shape.iter().product::<usize>() * voxel_bytes);
+        assert_eq!(out.len(), edge.pow(3) * voxel_bytes, "not a core's length");
+        let read = source.read_box(id.time, id.channel, region, &mut out[..bytes]);
+        read.map_err(|error| ReadError::Source { path: self.path.clone(), error })?;
+        self.bytes_read.fetch_add(bytes as u64, Ordering::Relaxed);
+        if let Some(nodata) = source.info().sought_nodata().filter(|_| source.info().voxel_type.is_float()) {
+            blank(&mut out[..bytes], nodata as f32);
+        }
+        spread(out, shape, edge, voxel_bytes);
+        repeat_last(out, shape, edge, voxel_bytes);
+        Ok(())
+    }
+
+    /// The box of a brick in its level's own array, which may end a voxel before the pyramid's level.
+    fn region(&self, source: &Arc<dyn Source>, id: BrickId) -> VoxelBox {
+        let brick = self.levels.pyramid().brick_box(id.level, id.index);
+        let last = source.info().extent.to_array();
+        let min = std::array::from_fn(|a| brick.min.to_array()[a].min(last[a] - 1));
+        let max = std::array::from_fn(|a| brick.max.to_array()[a].min(last[a]));
+        VoxelBox::new(min, max)
+    }
+}
+
+/// Turns floats that mark missing data into NaN.
+fn blank(voxels: &mut [u8], nodata: f32) {
+    for voxel in voxels.as_chunks_mut::<4>().0 {
+        if f32::from_le_bytes(*voxel) == nodata {
+            *voxel = f32::NAN.to_le_bytes();
+        }
+    }
+}
+
+/// Moves voxels of `shape`, packed at the start of a core, to their places in it.
+fn spread(core: &mut [u8], [nx, ny, nz]: [usize; 3], edge: usize, voxel_bytes: usize) {
+    let (row, packed) = (edge * voxel_bytes, nx * voxel_bytes);
+    if nx < edge || ny < edge {
+        // From the last row on: none is overwritten before it has moved.
+        for i in (0..ny * nz).rev() {
+            core.copy_within(i * packed..(i + 1) * packed, (i / ny * edge + i % ny) * row);
+        }
+    }
+}
+
+/// Repeats the last voxels of `shape` along each axis to the end of a core.
+fn repeat_last(core: &mut [u8], [nx, ny, nz]: [usize; 3], edge: usize, voxel_bytes: usize) {
+    let row = edge * voxel_bytes;
+    for z in 0..nz {
+        for y in 0..if nx < edge { ny } else { 0 } {
+            let start = (z * edge + y) * row;
+            let last = start + (nx - 1) * voxel_bytes;
+            (nx..edge).for_each(|x| core.copy_within(last..last + voxel_bytes, start + x * voxel_bytes));
+        }
+        let last = (z * edge + ny - 1) * row;
+        (ny..edge).for_each(|y| core.copy_within(last..last + row, (z * edge + y) * row));
+    }
+    let last = (nz - 1) * edge * row;
+    (nz..edge).for_each(|z| core.copy_within(last..last + edge * row, z * edge * row));
+}

@@ -1,0 +1,65 @@
+//! The state of an array's files: their names, sizes and times. Bricks made from an array are kept for this state alone.
+//!
+//! Costs a look at each file: some microseconds. Arrays of more than [`MOST_FILES`] have none, and what is made from them is kept in memory alone.
+
+use std::fs;
+use std::path::Path;
+use std::time::{SystemTime, UNIX_EPOCH};
+use xxhash_rust::xxh3::xxh3_64;
+
+/// Most files and folders looked at.
+const MOST_FILES: usize = 200_000;
+
+/// The state of all files of an array opened at some time; `None` if there are too many, one cannot be looked at, or is newer than the opening: parts
+/// of the array may have been read before it was written.
+pub(crate) fn of(array: &Path, opened: SystemTime) -> Option<u64> {
+    let (mut folders, mut looked_at, mut state) = (vec![array.to_path_buf()], 0, 0u64);
+    while let Some(folder) = folders.pop() {
+        for entry in fs::read_dir(&folder).ok()? {
+            let entry = entry.ok()?;
+            looked_at += 1;
+            if looked_at > MOST_FILES {
+                return None;
+            }
+            let file = fs::metadata(entry.path()).ok()?;
+            if file.is_dir() {
+                folders.push(entry.path());
+                continue;
+            }
+            let modified = file.modified().ok().filter(|modified| *modified <= opened)?;
+            let nanoseconds = modified.duration_since(UNIX_EPOCH).map_or(0, |since| since.as_nanos());
+            let path = entry.path();
+            let name = path.strip_prefix(array).ok()?.as_os_str().as_encoded_bytes();
+            let facts = [&xxh3_64(name).to_le_bytes()[..], &file.len().to_le_bytes(), &nanoseconds.to_le_bytes()];
+            // A sum: the system lists files in any order.
+            state = state.wrapping_add(xxh3_64(&facts.concat()));
+        }
+    }
+    Some(state)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn any_change_of_a_file_is_another_state() {
+        let array = tempfile::tempdir().unwrap();
+        let far = SystemTime::now() + std::time::Duration::from_secs(3600);
+        let file = array.path().join("c/0/1");
+        fs::create_dir_all(file.parent().unwrap()).unwrap();
+        fs::write(&file, "one").unwrap();
+        fs::write(array.path().join("zarr.json"), "{}").unwrap();
+        let first = of(array.path(), far).unwrap();
+        assert_eq!(of(array.path(), far), Some(first));
+        let later = fs::metadata(&file).unwrap().modified().unwrap() + std::time::Duration::from_secs(1);
+        fs::write(&file, "two").unwrap();
+        fs::File::options().write(true).open(&file).unwrap().set_modified(later).unwrap();
+        let second = of(array.path(), far).unwrap();
+        fs::rename(&file, file.with_file_name("2")).unwrap();
+        let third = of(array.path(), far).unwrap();
+        assert!(first != second && second != third);
+        assert_eq!(of(array.path(), UNIX_EPOCH), None, "written to since");
+        assert_eq!(of(&array.path().join("missing"), far), None);
+    }
+}

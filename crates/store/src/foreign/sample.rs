@@ -1,0 +1,141 @@
+//! Statistics of a foreign image from a sample, for a window and a histogram to begin with: whole chunks, evenly spread over its finest level with
+//! few voxels, else over its coarsest one; the first time step.
+//!
+//! Costs reading and counting at most [`MOST_VOXELS`] of each channel: some tenths of a second.
+
+use crate::error::OpenError;
+use crate::metadata::ChannelStatistics;
+use crate::nodata;
+use crate::pack::cascade::no_data;
+use crate::stats::{ChannelTotals, Counter, Measure, Tally};
+use brickyard_import::{ImageLevel, ImportError, Source};
+use brickyard_volume::{Extent, VoxelBox, with_voxel_type};
+use rayon::prelude::*;
+
+/// Most voxels of a channel's sample, but at least a part of one chunk.
+const MOST_VOXELS: u64 = 1 << 24;
+
+/// Most voxels over all channels; each has a sample of a chunk's part at least.
+const MOST_IN_ALL: u64 = 1 << 26;
+
+/// Statistics of each channel, by a sample.
+pub(crate) struct Sample {
+    pub(crate) channels: Vec<ChannelStatistics>,
+    /// Whether the sample is all there is.
+    pub(crate) is_whole: bool,
+}
+
+/// Takes a sample of an image. Boxes that cannot be read are left out.
+///
+/// # Errors
+/// If none can be read.
+pub(crate) fn of(levels: &[ImageLevel]) -> Result<Sample, OpenError> {
+    let info = levels[0].source.info();
+    let most = MOST_VOXELS.min(MOST_IN_ALL / u64::from(info.channels).max(1));
+    let same_type = |level: &ImageLevel| level.source.info().voxel_type == info.voxel_type;
+    let voxels = |level: &ImageLevel| level.source.info().extent.volume();
+    let few = levels.iter().position(|level| same_type(level) && voxels(level) <= most);
+    let coarsest = || levels.iter().rposition(same_type).unwrap_or(0);
+    let place = few.unwrap_or_else(coarsest);
+    let source = &*levels[place].source;
+    let whole = source.info().extent;
+    let boxes = boxes(whole, source.piece().unwrap_or(whole), most);
+    let taken = |channel| with_voxel_type!(info.voxel_type, T => channel_of::<T>(source, channel, &boxes));
+    let channels = (0..info.channels).map(taken).collect::<Result<Vec<_>, ImportError>>()?;
+    let is_complete = channels.iter().all(|(_, is_complete)| *is_complete);
+    // Coarser arrays by other programs may go beyond the finest one's values.
+    let is_whole = few == Some(0) && levels.len() == 1 && info.times == 1 && is_complete;
+    Ok(Sample { channels: channels.into_iter().map(|(statistics, _)| statistics).collect(), is_whole })
+}
+
+/// Boxes of whole chunks, evenly spread over all, of at most so many voxels together; one box at least, of a part of a chunk where that is greater.
+fn boxes(whole: Extent, chunk: Extent, most_voxels: u64) -> Vec<VoxelBox> {
+    let (n, chunk) = (whole.to_array(), chunk.to_array());
+    let edge: [u32; 3] = std::array::from_fn(|axis| chunk[axis].clamp(1, n[axis]));
+    let grid = Extent::from_array(std::array::from_fn(|axis| n[axis].div_ceil(edge[axis])));
+    let chunk_voxels = edge.iter().map(|&n| u64::from(n)).product::<u64>();
+    let all = grid.volume();
+    let taken = (most_voxels / chunk_voxels).clamp(1, all);
+    let box_of = |i: u64| {
+        // The middle of each of `taken` equal parts.
+        let place = (u128::from(2 * i + 1) * u128::from(all) / u128::from(2 * taken)) as u64;
+        let [x, y] = [grid.x, grid.y].map(u64::from);
+        let at = [place % x, place / x % y, place / (x * y)].map(|i| i as u32);
+        let min: [u32; 3] = std::array::from_fn(|axis| at[axis] * edge[axis]);
+        let max = std::array::from_fn(|axis| min[axis].saturating_add(edge[axis]).min(n[axis]));
+        part(VoxelBox::new(min, max), most_voxels)
+    };
+    (0..taken).map(box_of).collect()
+}
+
+/// The first slices, rows or voxels of a box with too many.
+fn part(region: VoxelBox, most_voxels: u64) -> VoxelBox {
+    let (min, mut max) = (region.min.to_array(), region.max.to_array());
+    for axis in [2, 1, 0] {
+        let others: u64 = (0..3).filter(|a| *a != axis).map(|a| u64::from(max[a] - min[a])).product();
+        let fit = (most_voxels / others).max(1).min(u64::from(max[axis] - min[axis]));
+        max[axis] = min[axis] + fit as u32;
+    }
+    VoxelBox::new(min, max)
+}
+
+/// A channel's statistics over boxes of its first step, and whether all could be read.
+fn channel_of<T: Measure>(
+    source: &dyn Source,
+    channel: u32,
+    boxes: &[VoxelBox],
+) -> Result<(ChannelStatistics, bool), ImportError> {
+    let (kept, blanked) = no_data::<T>(source.info().sought_nodata());
+    let read = |region: &VoxelBox| {
+        let mut voxels = vec![T::default(); region.extent().volume() as usize];
+        source.read_box(0, channel, *region, bytemuck::cast_slice_mut(&mut voxels))?;
+        Ok(voxels)
+    };
+    let boxes: Vec<Result<Vec<T>, ImportError>> = boxes.par_iter().map(read).collect();
+    let (mut totals, mut counter, mut tally) = (ChannelTotals::new(T::TYPE), Counter::new(T::TYPE), Tally::default());
+    let (mut read, mut unread) = (0, None);
+    for voxels in boxes {
+        match voxels {
+            Ok(mut voxels) => {
+                let invalid = T::from_f64_rounded(f64::NAN);
+                voxels.iter_mut().filter(|voxel| Some(**voxel) == blanked).for_each(|voxel| *voxel = invalid);
+                totals.add_range(nodata::range(&voxels, kept).to_f64());
+                nodata::count(&voxels, kept, &mut counter, &mut tally);
+                read += 1;
+            }
+            Err(error) => unread = unread.or(Some(error)),
+        }
+    }
+    match unread {
+        Some(error) if read == 0 => Err(error),
+        unread => {
+            counter.drain_into(&mut totals);
+            totals.add_tally(&tally);
+            Ok((totals.finish(), unread.is_none()))
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn boxes_are_spread_evenly_and_within_the_limit() {
+        let whole = Extent::new(1000, 1000, 1000);
+        for (chunk, most, count) in [
+            (Extent::new(100, 100, 100), u64::MAX / 4, 1000),
+            (Extent::new(100, 100, 100), 8_000_000, 8),
+            (Extent::new(1000, 1000, 1), 4_000_000, 4),
+            (whole, 1_500_000, 1),
+            (Extent::new(4000, 4000, 1), 500, 1),
+        ] {
+            let boxes = boxes(whole, chunk, most);
+            assert_eq!(boxes.len(), count, "{chunk}");
+            assert!(boxes.iter().map(|b| b.extent().volume()).sum::<u64>() <= most, "{chunk}");
+            assert!(boxes.iter().all(|b| !b.is_empty() && b.intersect(whole.full_box()) == *b));
+        }
+        let spread = boxes(whole, Extent::new(1000, 1000, 1), 4_000_000);
+        assert_eq!(spread.iter().map(|b| b.min.z).collect::<Vec<_>>(), [125, 375, 625, 875]);
+    }
+}
