@@ -336,7 +336,9 @@ fn levels_in_the_wrong_order_are_told() {
     // A level that is not read may be missing.
     fs::remove_dir_all(folder.path().join("1")).unwrap();
     assert_boxes(&*open(folder.path(), &OpenOptions::default()).unwrap(), coarse);
-    assert!(open_image(folder.path()).is_err());
+    let opened = open_image(folder.path()).unwrap();
+    assert_boxes(&*opened.levels[0].source, coarse);
+    assert!(opened.levels.len() == 1 && said(&opened.levels[0].source.info().notes).contains("Level 1 is left out"));
 }
 
 /// Attributes of other programs that happen to bear the names of OME-Zarr's.
