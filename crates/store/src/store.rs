@@ -48,7 +48,7 @@ pub struct Store {
 
 /// The places of a store's bricks.
 enum Bricks {
-    Own(Own),
+    Own(Box<Own>),
     Foreign(Box<Foreign>),
 }
 
@@ -201,7 +201,7 @@ impl Store {
             displays: parse_displays(&root, &info),
             label_colors: parse_label_colors(&root),
             info,
-            bricks: Bricks::Own(own),
+            bricks: Bricks::Own(Box::new(own)),
         })
     }
 
@@ -221,7 +221,8 @@ impl Store {
     /// # Errors
     /// As for [`Store::open`], or if the store was moved, deleted or replaced.
     pub fn newer(&self) -> Result<Option<Self>, OpenError> {
-        let Bricks::Own(Own { folder, mode, .. }) = &self.bricks else { return Ok(None) };
+        let Bricks::Own(own) = &self.bricks else { return Ok(None) };
+        let (folder, mode) = (&own.folder, own.mode);
         if self.is_replaced() {
             return Err(self.replaced());
         }
@@ -239,7 +240,7 @@ impl Store {
         if info.times.is_none_or(|times| times <= self.times()) {
             return Ok(None);
         }
-        Self::open_view(folder, *mode, self.layout().second()).map(Some)
+        Self::open_view(folder, mode, self.layout().second()).map(Some)
     }
 
     /// Whether the root document had these bytes on opening.

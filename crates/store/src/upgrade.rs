@@ -178,7 +178,7 @@ impl Changes {
             Err(error) => error,
             Ok(()) if held.folder.is_replaced() => return Some(held.folder.replaced().into()),
             Ok(()) => loop {
-                let Some((path, _)) = self.0.get(done) else { return None };
+                let (path, _) = self.0.get(done)?;
                 match disk.name(path) {
                     Ok(()) => done += 1,
                     Err(error) => break error,

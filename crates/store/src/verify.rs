@@ -182,7 +182,7 @@ fn block_edge(views: &[Store], memory_bytes: u64, threads: usize) -> Result<(u32
         block.max(ShardIndex::overlap_bytes(store.layout().shard_slots(Level(0))))
     };
     let edges = [256, 128, 64, 32, 16, 8].into_iter().filter(|&edge| edge >= store.pyramid().edge());
-    let least = edges.clone().last().unwrap_or(store.pyramid().edge());
+    let least = edges.clone().next_back().unwrap_or(store.pyramid().edge());
     let room = memory_bytes.saturating_sub(fixed);
     let fits = |edge: &u32| threads as u64 * per_thread(*edge) <= room;
     match edges.clone().find(fits) {
