@@ -144,7 +144,8 @@ fn stores_of_0_6_take_every_change_and_keep_their_version() {
         let report = pack(&series(3, 2), path, &PackOptions { exists: Exists::Resume, ..in_0_5() }, &()).unwrap();
         assert!(report.was_complete);
     };
-    let changes: [(&str, &dyn Fn(&Path)); 7] = [
+    type Change<'a> = (&'a str, &'a dyn Fn(&Path));
+    let changes: [Change<'_>; 7] = [
         ("append", &append),
         ("spacing", &place),
         ("orientation", &orientation),
