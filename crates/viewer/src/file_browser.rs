@@ -267,6 +267,7 @@ mod tests {
         for name in ["brain.zarr/zarr.json", "a.tif", ".hidden", "brickyard.json"] {
             std::fs::write(root.join(name), "").unwrap();
         }
+        std::fs::write(root.join("brain.zarr/zarr.json"), r#"{"attributes": {"brickyard": {}}}"#).unwrap();
         let mut browser = FileBrowser::new(root);
         let names: Vec<_> = browser.entries.as_ref().unwrap().iter().map(|e| (&*e.name, e.kind)).collect();
         let expected = [("z-scans", EntryKind::Folder), ("brain.zarr", EntryKind::Store), ("a.tif", EntryKind::File)];
@@ -329,7 +330,7 @@ mod tests {
         wait(&mut harness, &|_| false);
         assert_eq!(harness.state_mut().1.take(), Some(folder.path().join("single.zarr")));
         harness.get_by_label("several.zarr (store)").click();
-        wait(&mut harness, &|browser| browser.refusal.is_some());
+        wait(&mut harness, &|browser| browser.refusal.as_deref() == Some("choose an image"));
         harness.step();
         harness.get_by_label("right (4 x 5 x 6, u8)").click();
         wait(&mut harness, &|_| false);
