@@ -9,6 +9,8 @@ import subprocess
 import sys
 import traceback
 
+import numpy as np
+
 COMMAND, FOLDER = sys.argv[1], pathlib.Path(sys.argv[2])
 
 
@@ -32,6 +34,15 @@ def same_bits(a, b):
         return False
     native = a.dtype.newbyteorder("=")
     return a.astype(native).tobytes() == b.astype(native).tobytes()
+
+
+def noise(random, dtype, *shape):
+    """Random values all over the type's range; of floats, normally distributed ones."""
+    dtype = np.dtype(dtype)
+    if dtype.kind == "f":
+        return random.standard_normal(shape).astype(dtype)
+    limits = np.iinfo(dtype)
+    return random.integers(limits.min, limits.max, shape, dtype.newbyteorder("="), endpoint=True).astype(dtype)
 
 
 def check(condition, *what):

@@ -1,5 +1,6 @@
 """Zarr written by zarr-python, opened where it lies: exported, probed, drawn and indexed, beside a store packed from it."""
 
+import functools
 import itertools
 import json
 import os
@@ -12,9 +13,11 @@ import PIL.Image
 import zarr
 import zarr.codecs as codecs
 
+import common
 from common import COMMAND, FOLDER, brickyard, check, info, run_cases, same_bits
 
 RANDOM = np.random.default_rng(7)
+noise = functools.partial(common.noise, RANDOM)
 # Kept beside the inputs, and looked into below.
 os.environ["BRICKYARD_CACHE"] = str(FOLDER / "cache")
 
@@ -25,14 +28,6 @@ def fails(code, words, *arguments):
     check(done.returncode == code, arguments, "exit", done.returncode, done.stderr)
     for word in [words] if isinstance(words, str) else words:
         check(word in done.stderr, repr(word), "is not in", done.stderr)
-
-
-def noise(dtype, *shape):
-    dtype = np.dtype(dtype)
-    if dtype.kind == "f":
-        return RANDOM.standard_normal(shape).astype(dtype)
-    limits = np.iinfo(dtype)
-    return RANDOM.integers(limits.min, limits.max, shape, dtype.newbyteorder("="), endpoint=True).astype(dtype)
 
 
 def smooth(*shape):

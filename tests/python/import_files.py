@@ -1,6 +1,7 @@
 """Files written by nibabel, tifffile, Pillow, pydicom and numpy, packed and exported by brickyard: the same voxels, spacing and units."""
 
 import copy
+import functools
 import io
 import pathlib
 import shutil
@@ -18,17 +19,11 @@ import tifffile
 from pydicom.dataset import Dataset, FileDataset, FileMetaDataset
 from pydicom.pixels import apply_modality_lut
 
+import common
 from common import FOLDER, brickyard, check, info, run_cases, same_bits
 
 RANDOM = np.random.default_rng(1)
-
-
-def noise(dtype, *shape):
-    dtype = np.dtype(dtype)
-    if dtype.kind == "f":
-        return RANDOM.standard_normal(shape).astype(dtype)
-    limits = np.iinfo(dtype)
-    return RANDOM.integers(limits.min, limits.max, shape, dtype.newbyteorder("="), endpoint=True).astype(dtype)
+noise = functools.partial(common.noise, RANDOM)
 
 
 def pack(inputs, expected, axes="zyx", flags=(), spacing=None, origin=None, unit=None):

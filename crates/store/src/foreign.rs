@@ -18,13 +18,15 @@ use crate::error::{OpenError, ReadError};
 use crate::folder::Folder;
 use crate::json::read_json;
 use crate::kind::Kind;
-use crate::layout::{JOURNAL_NAME, Layout, SIDE_NAME};
+use crate::layout::{JOURNAL_NAME, Layout};
 use crate::metadata::{ChannelDisplay, ChannelStatistics, FORMAT_VERSION, StoreInfo};
+use crate::pack::brick::{fill_up, spread};
 use crate::pack::plan::check_input;
 use brickyard_import::zarr::{open_image, zarr_folder};
 use brickyard_import::{Image, Note, Source, SourceInfo};
 use brickyard_volume::{
-    BrickId, DEFAULT_BRICK_EDGE, Extent, Geometry, LabelColor, Level, Placement, Pyramid, TimeAxis, VoxelBox, VoxelType,
+    BrickId, DEFAULT_BRICK_EDGE, Extent, Geometry, LabelColor, Level, Placement, Pyramid, TimeAxis, VoxelBox,
+    VoxelType, with_voxel_type,
 };
 use cache::Cache;
 use index::Index;
@@ -54,7 +56,7 @@ pub(crate) struct Foreign {
     opened: SystemTime,
     /// The state of the files of all levels used; looked at when first asked for.
     state: OnceLock<Option<u64>>,
-    /// Of the index, if there is one; else of a sample.
+    /// Statistics of each channel: the index's, or else a sample's.
     statistics: Vec<ChannelStatistics>,
     is_exact: bool,
     index: Option<Index>,
@@ -73,14 +75,17 @@ pub(crate) struct Described {
     pub(crate) label_colors: Vec<LabelColor>,
 }
 
+/// Whether a path is `FOLDER::PATH`, a place in a Zarr.
+pub(crate) fn is_place(path: &Path) -> bool {
+    zarr_folder(path).is_some_and(|folder| folder != path)
+}
+
 /// Whether a path is another program's Zarr, or `FOLDER::PATH` for a place in one; brickyard's own stores, finished or not, are not.
 pub fn is_foreign(path: &Path) -> bool {
     let Some(folder) = zarr_folder(path).filter(|folder| !folder.join(JOURNAL_NAME).exists()) else { return false };
     let document = folder.join("zarr.json");
     let root = Folder::open(&folder).ok().and_then(|opened| read_json(&opened, &document).ok());
-    // A damaged document of brickyard's has its side data beside it.
-    let has_side_data = || folder.join("0").join(SIDE_NAME).is_dir();
-    let is_own = root.map_or_else(has_side_data, |root| !root["attributes"]["brickyard"].is_null());
+    let is_own = root.is_some_and(|root| !root["attributes"]["brickyard"].is_null());
     folder != path || !is_own && !crate::inside::is_inside(&folder)
 }
 
@@ -229,7 +234,7 @@ impl Foreign {
         self.index.as_ref().map(|index| index.around(self.pyramid(), id))
     }
 
-    /// The same of the brick and its descendants alone.
+    /// Least and greatest valid value of a brick and its descendants, if the image is indexed.
     pub(crate) fn range(&self, id: BrickId) -> Option<Option<(f64, f64)>> {
         self.index.as_ref().map(|index| index.core(self.pyramid(), id))
     }
@@ -331,8 +336,11 @@ impl Foreign {
         if let Some(nodata) = source.info().sought_nodata().filter(|_| source.info().voxel_type.is_float()) {
             blank(&mut out[..bytes], nodata as f32);
         }
-        spread(out, shape, edge, voxel_bytes);
-        repeat_last(out, shape, edge, voxel_bytes);
+        with_voxel_type!(self.voxel_type(), T => {
+            let core = out.as_chunks_mut::<{ size_of::<T>() }>().0;
+            spread(core, edge, shape);
+            fill_up(core, edge, shape);
+        });
         Ok(())
     }
 
@@ -353,31 +361,4 @@ fn blank(voxels: &mut [u8], nodata: f32) {
             *voxel = f32::NAN.to_le_bytes();
         }
     }
-}
-
-/// Moves voxels of `shape`, packed at the start of a core, to their places in it.
-fn spread(core: &mut [u8], [nx, ny, nz]: [usize; 3], edge: usize, voxel_bytes: usize) {
-    let (row, packed) = (edge * voxel_bytes, nx * voxel_bytes);
-    if nx < edge || ny < edge {
-        // From the last row on: none is overwritten before it has moved.
-        for i in (0..ny * nz).rev() {
-            core.copy_within(i * packed..(i + 1) * packed, (i / ny * edge + i % ny) * row);
-        }
-    }
-}
-
-/// Repeats the last voxels of `shape` along each axis to the end of a core.
-fn repeat_last(core: &mut [u8], [nx, ny, nz]: [usize; 3], edge: usize, voxel_bytes: usize) {
-    let row = edge * voxel_bytes;
-    for z in 0..nz {
-        for y in 0..if nx < edge { ny } else { 0 } {
-            let start = (z * edge + y) * row;
-            let last = start + (nx - 1) * voxel_bytes;
-            (nx..edge).for_each(|x| core.copy_within(last..last + voxel_bytes, start + x * voxel_bytes));
-        }
-        let last = (z * edge + ny - 1) * row;
-        (ny..edge).for_each(|y| core.copy_within(last..last + row, (z * edge + y) * row));
-    }
-    let last = (nz - 1) * edge * row;
-    (nz..edge).for_each(|z| core.copy_within(last..last + edge * row, z * edge * row));
 }

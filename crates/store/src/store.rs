@@ -94,10 +94,14 @@ impl Store {
 
     /// Opens the pyramid made by `method`, by default the main one.
     fn open_at(path: PathBuf, mode: IoMode, method: Option<Downsample>) -> Result<Self, OpenError> {
-        if foreign::is_foreign(&path) {
-            return Self::of_foreign(Foreign::open(&path)?, method);
+        let foreign = || Self::of_foreign(Foreign::open(&path)?, method);
+        if foreign::is_place(&path) {
+            return foreign();
         }
-        Self::open_own_at(path, mode, method)
+        match Self::open_own_at(path.clone(), mode, method) {
+            Err(OpenError::Unsupported { advice: OTHERS_STORE, .. }) => foreign(),
+            own => own,
+        }
     }
 
     /// Opens the main pyramid of a store of brickyard's, which alone can be changed and verified.

@@ -59,7 +59,7 @@ impl Layout {
         Ok(Self { letters, sizes, decode: Decode { element, endian: Endian::Little, scale: None } })
     }
 
-    /// The same layout with other times or values.
+    /// Layout of the same order, with another decoding of the elements.
     pub(super) fn with_decode(self, decode: Decode) -> Self {
         // Elements come in this order, whatever the array's.
         Self { decode: Decode { endian: Endian::Little, ..decode }, ..self }

@@ -102,10 +102,8 @@ pub fn index(path: &Path, progress: impl Fn(u64, u64) -> ControlFlow<()>) -> Res
     let unknown =
         "it has more than 200,000 files, or files whose times cannot be read; 'brickyard pack' makes a store of it";
     let state = foreign.state().ok_or_else(|| kept(unknown))?;
-    let all = Index::empty(foreign.pyramid()).bricks
-        * u64::from(foreign.source().times)
-        * u64::from(foreign.source().channels);
-    let room = all.saturating_mul(16).saturating_add(u64::from(foreign.source().channels) << 14);
+    let room =
+        Index::brick_count(&foreign).saturating_mul(16).saturating_add(u64::from(foreign.source().channels) << 14);
     if !foreign.cache().reserve(room) {
         return Err(kept("there is no room in the cache, or no folder for it; BRICKYARD_CACHE names one"));
     }
@@ -128,7 +126,7 @@ pub(super) fn make<T: Measure>(
 ) -> Result<Index, IndexError> {
     let info = foreign.source();
     let mut index = Index::empty(foreign.pyramid());
-    let all = index.bricks * u64::from(info.times) * u64::from(info.channels);
+    let all = Index::brick_count(foreign);
     if all.saturating_mul(size_of::<Range>() as u64) > MOST_BYTES {
         return Err(IndexError::TooLarge { path: foreign.path().into(), bricks: all });
     }
@@ -162,8 +160,8 @@ pub(super) fn make<T: Measure>(
             }
             index.take_children(foreign.pyramid(), time, channel, Level(level as u8), info.channels);
         }
-        let coarsest = index.of_volume(time, channel, info.channels);
-        let whole = index.ranges[coarsest..].iter().copied().fold(None, join);
+        let first = index.of_volume(time, channel, info.channels);
+        let whole = index.ranges[first..].iter().copied().fold(None, join);
         totals[channel as usize].add_range(whole);
     }
     index.channels = totals.iter().map(ChannelTotals::finish).collect();
@@ -203,6 +201,12 @@ impl Index {
         });
         let starts = starts.collect();
         Self { channels: Vec::new(), bricks, starts, ranges: Vec::new() }
+    }
+
+    /// Bricks of all levels, time steps and channels of an image.
+    fn brick_count(foreign: &Foreign) -> u64 {
+        let info = foreign.source();
+        foreign.pyramid().brick_count() * u64::from(info.times) * u64::from(info.channels)
     }
 
     /// The place of a volume's first range.
@@ -271,8 +275,8 @@ impl Index {
         });
         let index = Self { channels, ranges: ranges.collect(), ..Self::empty(foreign.pyramid()) };
         let info = foreign.source();
-        let expected = index.bricks * u64::from(info.times) * u64::from(info.channels);
-        let is_whole = index.ranges.len() as u64 == expected && index.channels.len() == info.channels as usize;
+        let is_whole =
+            index.ranges.len() as u64 == Self::brick_count(foreign) && index.channels.len() == info.channels as usize;
         // Last, as it looks at all files.
         (is_whole && foreign.state() == Some(u64::from_le_bytes(*state))).then_some(index)
     }

@@ -8,7 +8,7 @@ use crate::downsample::Reduction;
 use crate::error::ReadError;
 use crate::foreign::Foreign;
 use crate::mutex::lock;
-use crate::pack::brick::reduce;
+use crate::pack::brick::{fill_up, reduce};
 use crate::pack::cascade::{coarse_box, no_data, ratio, shape};
 use crate::scratch::Scratch;
 use crate::stats::Measure;
@@ -53,7 +53,7 @@ impl Made {
             return Ok(());
         }
         if !self.read_kept(foreign, id, out) {
-            with_voxel_type!(foreign.voxel_type(), T => make::<T>(foreign, id, out))?;
+            with_voxel_type!(foreign.voxel_type(), T => make::<T, { size_of::<T>() }>(foreign, id, out))?;
             self.keep(foreign, id, out);
         }
         lock(&self.recent).put(id, (&*out).into());
@@ -84,7 +84,7 @@ fn name(state: u64, BrickId { time, channel, level, index }: BrickId) -> String 
 type Part<T> = (VoxelBox, Vec<T>);
 
 /// Makes a brick's core from those of the next finer level.
-fn make<T: Measure>(foreign: &Foreign, id: BrickId, out: &mut [u8]) -> Result<(), ReadError> {
+fn make<T: Measure, const N: usize>(foreign: &Foreign, id: BrickId, out: &mut [u8]) -> Result<(), ReadError> {
     let pyramid = foreign.pyramid();
     let region = pyramid.brick_box(id.level, id.index);
     let children: Vec<BrickIndex> = pyramid.children(id.level, id.index).collect();
@@ -103,7 +103,7 @@ fn make<T: Measure>(foreign: &Foreign, id: BrickId, out: &mut [u8]) -> Result<()
             out[place * size_of::<T>()..][..size_of_val(row)].copy_from_slice(bytemuck::cast_slice(row));
         }
     }
-    super::repeat_last(out, shape(region), edge, size_of::<T>());
+    fill_up(out.as_chunks_mut::<N>().0, edge, shape(region));
     Ok(())
 }
 

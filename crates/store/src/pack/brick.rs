@@ -87,15 +87,9 @@ impl<T: Measure> Workspace<T> {
     }
 
     /// Moves voxels of `shape`, packed at the start of core `i`, to their places in the core.
-    pub(crate) fn spread(&mut self, i: usize, [nx, ny, nz]: [usize; 3]) {
+    pub(crate) fn spread(&mut self, i: usize, shape: [usize; 3]) {
         let edge = self.edge;
-        if nx < edge || ny < edge {
-            let core = self.core_mut(i);
-            // From the last row on: none is overwritten before it has moved.
-            for row in (0..ny * nz).rev() {
-                core.copy_within(row * nx..(row + 1) * nx, (row / ny * edge + row % ny) * edge);
-            }
-        }
+        spread(self.core_mut(i), edge, shape);
     }
 
     /// Replaces every `value` in core `i` by NaN, for floats.
@@ -201,9 +195,19 @@ fn copy(from: &[u8], to: &mut [u8]) {
     to_rest.copy_from_slice(from_rest);
 }
 
+/// Moves voxels of `shape`, packed at the start of a core, to their places in it.
+pub(crate) fn spread<T: Copy>(core: &mut [T], edge: usize, [nx, ny, nz]: [usize; 3]) {
+    if nx < edge || ny < edge {
+        // From the last row on: none is overwritten before it has moved.
+        for row in (0..ny * nz).rev() {
+            core.copy_within(row * nx..(row + 1) * nx, (row / ny * edge + row % ny) * edge);
+        }
+    }
+}
+
 /// Pads a core with the last voxel of each row, then with the last row and the last slice of `shape`.
 #[inline(always)]
-fn fill_up<T: Copy>(core: &mut [T], edge: usize, [nx, ny, nz]: [usize; 3]) {
+pub(crate) fn fill_up<T: Copy>(core: &mut [T], edge: usize, [nx, ny, nz]: [usize; 3]) {
     let slice = edge * edge;
     for z in 0..nz {
         for y in 0..if nx < edge { ny } else { 0 } {
