@@ -99,7 +99,7 @@ impl Store {
             return foreign();
         }
         match Self::open_own_at(path.clone(), mode, method) {
-            Err(OpenError::Unsupported { advice: OTHERS_STORE, .. }) => foreign(),
+            Err(OpenError::Unsupported { advice: OTHERS_STORE, .. }) if foreign::is_foreign(&path) => foreign(),
             own => own,
         }
     }
