@@ -1,17 +1,19 @@
-//! `brickyard index`: exact statistics, ranges and coarse levels of another program's image, kept in the user's cache.
+//! `brickyard index`: exact statistics, ranges and coarse levels of another program's image, kept in the user's cache; or those of a store, made again
+//! after another program wrote into it.
 
 use super::interrupt::Interrupt;
 use super::progress::{Progress, ProgressStyleArgument};
 use super::{Failure, heading, print_json, print_line, store_errors, values};
-use brickyard::store;
+use brickyard::store::{self, ShardChanges};
 use brickyard::volume::counted;
 use clap::Args;
+use serde_json::json;
 use std::path::PathBuf;
 
 /// `brickyard index STORE`
 #[derive(Args)]
 pub(crate) struct IndexArguments {
-    /// Another program's Zarr, or FOLDER::PATH for one of several images in it
+    /// Another program's Zarr, or FOLDER::PATH for one of several images in it; or a store that another program wrote into
     store: PathBuf,
     /// Print JSON
     #[arg(help_heading = heading::OUTPUT, long)]
@@ -34,8 +36,19 @@ pub(crate) fn run(arguments: &IndexArguments) -> Result<(), Failure> {
     progress.finish();
     let report = report.map_err(store_errors::index_failure)?;
     if arguments.json {
-        return print_json(&serde_json::json!({ "bricks": report.bricks, "bytes": report.bytes }));
+        let of_shards =
+            |ShardChanges { changed, added, gone }| json!({ "changed": changed, "added": added, "gone": gone });
+        let shards = report.shards.map(of_shards);
+        return print_json(&json!({ "bricks": report.bricks, "bytes": report.cache_bytes, "shards": shards }));
     }
-    let (bricks, bytes) = (counted(report.bricks, "brick"), values::human_bytes(report.bytes));
-    print_line(&format!("{}: {bricks} indexed, {bytes} in the cache", arguments.store.display()))
+    let bricks = counted(report.bricks, "brick");
+    let words = match report.shards {
+        None => format!("{bricks} indexed, {} in the cache", values::human_bytes(report.cache_bytes)),
+        Some(ShardChanges { changed, added, gone }) => {
+            format!(
+                "{bricks} indexed; of the finest level's shards {changed} changed, {added} new, {gone} gone (now zero)"
+            )
+        }
+    };
+    print_line(&format!("{}: {words}", arguments.store.display()))
 }

@@ -23,6 +23,7 @@ mod index;
 mod info;
 mod input_args;
 mod interrupt;
+mod making;
 mod man;
 mod mesh;
 mod named;

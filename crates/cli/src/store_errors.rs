@@ -1,13 +1,15 @@
 //! Errors of stores and packing, sorted into exit codes.
 
 use super::failure::{ExitKind, Failure};
+use super::making;
 use super::say::say;
 use brickyard::export::ExportError;
 use brickyard::extract::MeshError;
 use brickyard::import::{ImportError, is_of_process, limit_behind};
 use brickyard::session::VolumeSource;
 use brickyard::store::{
-    AppendError, EditError, IndexError, OpenError, PackError, ReadError, RepairError, Store, UpgradeError, VerifyError,
+    AppendError, EditError, ImageIndexError, IndexError, OpenError, PackError, ReadError, RemakeError, RepairError,
+    Store, UpgradeError, VerifyError,
 };
 use std::fmt::Display;
 use std::path::Path;
@@ -23,12 +25,14 @@ pub(crate) fn open(path: &Path) -> Result<Store, Failure> {
     Ok(store)
 }
 
-/// Opens finished stores as volumes.
+/// Opens finished stores, or other programs' images, as volumes; says how far levels are that they lack.
 ///
 /// # Errors
 /// The errors of [`open`].
 pub(crate) fn open_volumes<P: AsRef<Path>>(paths: &[P]) -> Result<Vec<VolumeSource>, Failure> {
-    paths.iter().map(|path| Ok(VolumeSource::of_store(&Arc::new(open(path.as_ref())?)))).collect()
+    let stores = paths.iter().map(|path| open(path.as_ref()).map(Arc::new)).collect::<Result<Vec<_>, _>>()?;
+    making::tell(&stores);
+    Ok(stores.iter().map(VolumeSource::of_store).collect())
 }
 
 pub(crate) fn open_failure(error: &OpenError) -> Failure {
@@ -145,21 +149,37 @@ pub(crate) fn edit_failure(error: EditError) -> Failure {
         EditError::Pack(PackError::Unfit { .. }) | EditError::Nothing { .. } => ExitKind::Usage,
         EditError::Pack(error) => pack_kind(error),
         EditError::Unfinished { .. } => ExitKind::Incomplete,
-        EditError::Altered { .. } | EditError::Levels { .. } => ExitKind::VerificationFailed,
-        EditError::Cancelled { .. } => ExitKind::Interrupted,
+        EditError::Altered { .. } => ExitKind::VerificationFailed,
+        EditError::Levels(error) => return remake_failure(error),
         EditError::Unchanged { .. } | EditError::Unsynced { .. } | EditError::Unlisted { .. } => ExitKind::Failed,
     };
     Failure::new(kind, error)
 }
 
-pub(crate) fn index_failure(error: IndexError) -> Failure {
-    let kind = match &error {
-        IndexError::Open(error) => return open_failure(error),
-        IndexError::Read(error) => return read_failure(error),
-        IndexError::Own { .. } => ExitKind::Usage,
-        IndexError::TooLarge { .. } | IndexError::NotKept { .. } => ExitKind::Failed,
+fn remake_failure(error: &RemakeError) -> Failure {
+    let kind = match error {
+        RemakeError::Open(error) => return open_failure(error),
+        RemakeError::Pack(error) => pack_kind(error),
+        RemakeError::Unfinished { .. } => ExitKind::Incomplete,
+        RemakeError::Altered { .. } | RemakeError::Levels { .. } => ExitKind::VerificationFailed,
         // Only Ctrl-C cancels.
-        IndexError::Cancelled { .. } => ExitKind::Interrupted,
+        RemakeError::Cancelled { .. } => ExitKind::Interrupted,
+        RemakeError::Unchanged { .. } | RemakeError::Unsynced { .. } => ExitKind::Failed,
+    };
+    Failure::new(kind, error)
+}
+
+pub(crate) fn index_failure(error: IndexError) -> Failure {
+    let error = match error {
+        IndexError::Store(error) => return remake_failure(&error),
+        IndexError::Image(error) => error,
+    };
+    let kind = match &error {
+        ImageIndexError::Open(error) => return open_failure(error),
+        ImageIndexError::Read(error) => return read_failure(error),
+        ImageIndexError::TooLarge { .. } | ImageIndexError::NotKept { .. } => ExitKind::Failed,
+        // Only Ctrl-C cancels.
+        ImageIndexError::Cancelled { .. } => ExitKind::Interrupted,
     };
     Failure::new(kind, error)
 }

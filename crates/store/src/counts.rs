@@ -7,7 +7,7 @@
 
 use crate::data_file::read_at_most;
 use crate::error::ReadError;
-use crate::layout::COUNTS_NAME;
+use crate::layout::{COUNTS_NAME, Layout};
 use crate::mutex::lock;
 use crate::pack::brick::Workspace;
 use crate::pack::cascade::shape;
@@ -42,7 +42,12 @@ pub(crate) struct Counts {
 
 impl Counts {
     pub(crate) fn of(store: &Store) -> Self {
-        Self { dir: store.layout().side_dir(store.path(), Level(0)).join(COUNTS_NAME) }
+        Self::in_folder(store.layout(), store.path())
+    }
+
+    /// Those of a store laid out so in a folder.
+    pub(crate) fn in_folder(layout: &Layout, folder: &Path) -> Self {
+        Self { dir: layout.side_dir(folder, Level(0)).join(COUNTS_NAME) }
     }
 
     /// The folder with the counts of the first `times` steps.

@@ -28,6 +28,7 @@ use crate::ngff::Root;
 use crate::pack::disk::{Disk, DiskError, temporary};
 use crate::pack::image_labels::{ImageLabels, TO_IMAGE};
 use crate::pack::{PackError, Progress, lock, ours};
+use crate::remake::Work;
 use crate::shard_file::IoMode;
 use crate::store::{Store, open_folder};
 use crate::verify::documents::root_change;
@@ -35,7 +36,6 @@ use brickyard_import::{ChannelChoice, SourceInfo};
 use brickyard_volume::Orientation;
 use description::Description;
 use glam::DVec3;
-use levels::Work;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -122,7 +122,7 @@ pub struct EditReport {
 /// would change, or the disk fails. Except for [`EditError::Unsynced`] and [`EditError::Unlisted`], the store is then
 /// unchanged.
 pub fn edit(store: &Path, edit: &Edit) -> Result<EditReport, EditError> {
-    edit_on(&Disk::default(), store, edit, &usual_work())
+    edit_on(&Disk::default(), store, edit, usual_work())
 }
 
 /// Like [`edit`], with levels made within `memory_bytes`, on `threads` threads. `progress` observes and may cancel that.
@@ -136,7 +136,7 @@ pub fn edit_within(
     threads: usize,
     progress: &dyn Progress,
 ) -> Result<EditReport, EditError> {
-    edit_on(&Disk::default(), store, edit, &Work { memory_bytes, threads, progress })
+    edit_on(&Disk::default(), store, edit, Work { memory_bytes, threads, progress })
 }
 
 fn usual_work() -> Work<'static> {
@@ -154,7 +154,7 @@ pub fn rehearse_edit(store: &Path, edit: &Edit, memory_bytes: u64, threads: usiz
         return Err(PackError::Busy { store: dir, holder: Some(holder) }.into());
     }
     if makes_levels(&Store::open_own(&dir)?, edit) {
-        return levels::rehearse(&dir, edit, &Work { memory_bytes, threads, progress: &() });
+        return levels::rehearse(&dir, edit, Work { memory_bytes, threads, progress: &() });
     }
     let edited = Edited::of(&Arc::new(open_folder(&dir)?), edit)?;
     Ok(edited.report(&dir))
@@ -165,7 +165,7 @@ fn makes_levels(store: &Store, edit: &Edit) -> bool {
     edit.kind == Some(Kind::Labels) && levels::are_mixed(store)
 }
 
-fn edit_on(disk: &Disk, store: &Path, edit: &Edit, work: &Work) -> Result<EditReport, EditError> {
+fn edit_on(disk: &Disk, store: &Path, edit: &Edit, work: Work) -> Result<EditReport, EditError> {
     let dir = find_finished(disk, store)?;
     // A lock would make the folder of a store that is missing.
     if makes_levels(&Store::open_own(&dir)?, edit) {

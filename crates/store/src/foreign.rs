@@ -8,6 +8,7 @@ mod fingerprint;
 mod index;
 mod levels;
 mod made;
+mod making;
 mod sample;
 #[cfg(test)]
 mod tests;
@@ -29,10 +30,12 @@ use brickyard_volume::{
     VoxelType, with_voxel_type,
 };
 use cache::Cache;
+pub use index::ImageIndexError;
 use index::Index;
-pub use index::{IndexError, IndexReport, index};
+pub(crate) use index::index;
 use levels::Levels;
 use made::Made;
+pub use making::Making;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, OnceLock};
@@ -287,6 +290,11 @@ impl Foreign {
     /// Whether the statistics are of all voxels.
     pub(crate) fn is_exact(&self) -> bool {
         self.is_exact
+    }
+
+    /// Made bricks under way, if any.
+    pub(crate) fn making(&self) -> Option<Making> {
+        self.made.making()
     }
 
     /// Decoded bytes of the image read so far for bricks.

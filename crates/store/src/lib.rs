@@ -17,6 +17,7 @@ pub mod error;
 mod folder;
 mod foreign;
 mod held;
+mod index;
 mod inside;
 mod json;
 mod kind;
@@ -28,6 +29,7 @@ mod mutex;
 mod ngff;
 mod nodata;
 pub mod pack;
+mod remake;
 mod repair;
 mod replace;
 mod scratch;
@@ -51,7 +53,8 @@ pub use codec::{BrickCodec, Codec};
 pub use downsample::{Downsample, Reductions};
 pub use edit::{ChannelEdit, Edit, EditChange, EditError, EditReport, edit, edit_within, rehearse_edit};
 pub use error::{CodecError, InsideStore, OpenError, ReadError, ShardError};
-pub use foreign::{IndexError, IndexReport, index, is_foreign};
+pub use foreign::{ImageIndexError, Making, is_foreign};
+pub use index::{IndexError, IndexReport, ShardChanges, index};
 pub use inside::check_outside;
 pub use layout::{Layout, ShardId};
 pub use level_bricks::LevelBricks;
@@ -62,6 +65,7 @@ pub use pack::{
     Exists, Holder, PackError, PackOptions, PackPlan, PackReport, Progress, estimate, pack, plan, rehearse,
     settings_fingerprint,
 };
+pub use remake::RemakeError;
 pub use repair::{RepairError, RepairReport, recorded_settings, repair};
 pub use replace::{Destination, creator, remove_unfinished};
 pub use scratch::Scratch;

@@ -121,7 +121,19 @@ pub struct ChannelStatistics {
     pub unit: Option<String>,
 }
 
+impl Percentiles {
+    /// The window without a source's: of the middle 99.8 % of the values, or of all in this range where these are one.
+    pub(crate) fn usual_window(&self, range: [f64; 2]) -> [f64; 2] {
+        if self.p0_1 < self.p99_9 { [self.p0_1, self.p99_9] } else { range }
+    }
+}
+
 impl ChannelStatistics {
+    /// The window without a source's.
+    pub(crate) fn usual_window(&self) -> [f64; 2] {
+        self.percentiles.usual_window(self.range)
+    }
+
     /// The value not exceeded by `percent` of the valid voxels, 0 to 100. Exact for the range's ends and each of
     /// [`Percentiles`]; in between, off by less than a histogram bin and within the two nearest.
     pub fn percentile(&self, percent: f64) -> f64 {

@@ -528,10 +528,6 @@ impl ChannelTotals {
             p99: at(9900),
             p99_9: at(9990),
         };
-        let window = match (percentiles.p0_1, percentiles.p99_9) {
-            (low, high) if low < high => [low, high],
-            _ => range.into(),
-        };
         ChannelStatistics {
             range: range.into(),
             count: self.valid(),
@@ -542,7 +538,7 @@ impl ChannelTotals {
             mean: self.mean().unwrap_or_default(),
             percentiles,
             histogram: self.histogram(range),
-            window,
+            window: percentiles.usual_window(range.into()),
             bins: self.occupancy_bins(),
             name: None,
             color: None,

@@ -8,7 +8,7 @@ use crate::codec::BrickCodec;
 use crate::downsample::Downsample;
 use crate::error::{OpenError, ReadError};
 use crate::folder::Folder;
-use crate::foreign::{self, Described, Foreign};
+use crate::foreign::{self, Described, Foreign, Making};
 use crate::inside;
 use crate::json::{parse_json, read_json};
 use crate::layout::{JOURNAL_NAME, Layout, journal_percent};
@@ -272,6 +272,14 @@ impl Store {
         match &self.bricks {
             Bricks::Own(_) => &[],
             Bricks::Foreign(foreign) => foreign.notes(),
+        }
+    }
+
+    /// Coarse levels of another program's image that are being made for a reader, if any.
+    pub fn making(&self) -> Option<Making> {
+        match &self.bricks {
+            Bricks::Own(_) => None,
+            Bricks::Foreign(foreign) => foreign.making(),
         }
     }
 

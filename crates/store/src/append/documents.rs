@@ -82,7 +82,7 @@ pub(crate) fn stale_groups(store: &Path) -> Vec<PathBuf> {
 
 /// Applies the changes from `old` to `new` to the root document found: everywhere in the store's own part, elsewhere
 /// only to unedited values. Keys absent from both stay.
-pub(super) fn update_root(old: &Value, new: &Value, found: &mut Value) {
+pub(crate) fn update_root(old: &Value, new: &Value, found: &mut Value) {
     update(old, new, found, false);
     let [old, new] = [old, new].map(|document| &document["attributes"]["brickyard"]);
     update(old, new, &mut found["attributes"]["brickyard"], true);

@@ -3,6 +3,7 @@
 use crate::error::OpenError;
 use crate::held::HoldError;
 use crate::pack::{PackError, cure};
+use crate::remake::RemakeError;
 use brickyard_import::ImportError;
 use std::path::PathBuf;
 
@@ -52,22 +53,9 @@ pub enum EditError {
         /// The store.
         store: PathBuf,
     },
-    /// The coarser levels of labels cannot be made. The store is as before.
-    #[error(
-        "{store}: its coarser levels are means, and cannot be made again for labels: {problem}; the store is unchanged"
-    )]
-    Levels {
-        /// The store.
-        store: PathBuf,
-        /// The reason.
-        problem: String,
-    },
-    /// [`Progress::is_cancelled`](crate::Progress::is_cancelled) stopped the edit. The store is as before.
-    #[error("{store}: stopped; the store is unchanged")]
-    Cancelled {
-        /// The store.
-        store: PathBuf,
-    },
+    /// The coarser levels of labels are not made.
+    #[error(transparent)]
+    Levels(Box<RemakeError>),
     /// The store is edited, but not listed among its image's labels.
     #[error("{store}: is edited, but not listed among the labels of its image: {error}; edit again to list it")]
     Unlisted {
@@ -86,6 +74,12 @@ pub enum EditError {
         #[source]
         error: std::io::Error,
     },
+}
+
+impl From<RemakeError> for EditError {
+    fn from(error: RemakeError) -> Self {
+        Self::Levels(Box::new(error))
+    }
 }
 
 impl From<HoldError> for EditError {

@@ -8,6 +8,7 @@ use crate::pack::tests::CancelledAtOnce;
 use crate::pack::tests::trial::Trial;
 use crate::pack::tests::{Array, files, mean_and_max, options, value};
 use crate::pack::{PackOptions, pack};
+use crate::remake::RemakeError;
 use crate::verify::verify;
 use brickyard_volume::{Geometry, Level, TimeAxis, VoxelType};
 
@@ -440,7 +441,7 @@ fn an_edit_stopped_anywhere_is_done_or_not() {
         for changes in 0.. {
             std::fs::write(path.join("zarr.json"), &before[Path::new("zarr.json")]).unwrap();
             let disk = Trial { syncs_each, fuse: Some(changes.into()), ..Trial::default() }.disk();
-            let edited = edit_on(&disk, &path, &spacing(3.0), &usual_work());
+            let edited = edit_on(&disk, &path, &spacing(3.0), usual_work());
             let mut found = files(&path);
             found.remove(Path::new("zarr.json.tmp"));
             match edited {
@@ -558,7 +559,10 @@ fn levels_that_cannot_be_made_leave_the_store() {
     let before = files(dir.path());
     let Work { memory_bytes, threads, .. } = usual_work();
     let stopped = edit_within(&path, &labels(), memory_bytes, threads, &CancelledAtOnce).unwrap_err();
-    assert!(matches!(stopped, EditError::Cancelled { .. }), "{stopped}");
+    assert!(
+        matches!(&stopped, EditError::Levels(error) if matches!(**error, RemakeError::Cancelled { .. })),
+        "{stopped}"
+    );
     assert_eq!(files(dir.path()), before);
     let little = edit_within(&path, &labels(), 1 << 20, threads, &()).unwrap_err().to_string();
     assert!(little.contains("`memory`"), "{little}");
@@ -574,7 +578,7 @@ fn levels_that_cannot_be_made_leave_the_store() {
     std::fs::write(&shard, &bytes).unwrap();
     let damaged = files(dir.path());
     let message = edit(&path, &labels()).unwrap_err().to_string();
-    assert!(message.contains("cannot be made again for labels") && message.contains("0/c/0/0/0"), "{message}");
+    assert!(message.contains("levels cannot be made again") && message.contains("0/c/0/0/0"), "{message}");
     assert_eq!(files(dir.path()), damaged);
 }
 
@@ -593,7 +597,7 @@ fn levels_stopped_anywhere_are_made_or_not() {
             std::fs::remove_dir_all(&path).unwrap();
             packed(dir.path(), &small);
             let disk = Trial { syncs_each, cannot_exchange, fuse: Some(changes.into()), ..Trial::default() }.disk();
-            let edited = edit_on(&disk, &path, &labels(), &usual_work());
+            let edited = edit_on(&disk, &path, &labels(), usual_work());
             let is_there = path.exists();
             assert!(is_there || cannot_exchange, "{changes}");
             let mut found = if is_there { files(&path) } else { after.clone() };
@@ -603,7 +607,9 @@ fn levels_stopped_anywhere_are_made_or_not() {
             (olds, news) = (olds + i32::from(!is_new), news + i32::from(is_new));
             match &edited {
                 Ok(_) => assert!(is_new),
-                Err(EditError::Unsynced { .. }) => assert!(is_new, "{changes}"),
+                Err(EditError::Levels(error)) if matches!(**error, RemakeError::Unsynced { .. }) => {
+                    assert!(is_new, "{changes}");
+                }
                 Err(error) => assert!(!is_new || cannot_exchange, "{changes}: {error}"),
             }
             // Any edit ends it first.

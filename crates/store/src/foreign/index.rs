@@ -27,21 +27,12 @@ const BATCH: u64 = 16;
 /// Least and greatest valid value; `None` if there is none.
 type Range = Option<(f64, f64)>;
 
-/// Why an image cannot be indexed.
+/// Why another program's image cannot be indexed.
 #[derive(Debug, thiserror::Error)]
-pub enum IndexError {
+pub enum ImageIndexError {
     /// The image does not open.
     #[error(transparent)]
     Open(#[from] OpenError),
-    /// A store of brickyard's has its index in it.
-    #[error(
-        "{store}: is a store of brickyard's, whose index lies in it; after another program wrote into it, pack it anew: \
-         'brickyard pack {store}::0 NEW'"
-    )]
-    Own {
-        /// The store.
-        store: PathBuf,
-    },
     /// There are too many bricks.
     #[error("{path}: an index of {bricks} bricks is too large to be held; 'brickyard pack' makes a store of any size")]
     TooLarge {
@@ -69,15 +60,6 @@ pub enum IndexError {
     },
 }
 
-/// Outcome of an indexing.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct IndexReport {
-    /// Bricks of all levels, time steps and channels.
-    pub bricks: u64,
-    /// Bytes of the index.
-    pub bytes: u64,
-}
-
 /// Statistics and ranges of all bricks.
 pub(crate) struct Index {
     pub(crate) channels: Vec<ChannelStatistics>,
@@ -88,17 +70,17 @@ pub(crate) struct Index {
     ranges: Vec<Range>,
 }
 
-/// Makes and keeps the index of another program's image, with its made bricks. `progress` is called with the bricks done and all of them.
+/// Makes and keeps the index of another program's image, with its made bricks. `progress` is called with the bricks done and all of them. Returns the
+/// bricks, and the bytes of the index.
 ///
 /// # Errors
 /// If there is no such image, it has too many bricks, one cannot be read, nothing can be kept, or `progress` breaks.
-pub fn index(path: &Path, progress: impl Fn(u64, u64) -> ControlFlow<()>) -> Result<IndexReport, IndexError> {
-    if !super::is_foreign(path) {
-        crate::store::Store::open_own(path)?;
-        return Err(IndexError::Own { store: path.into() });
-    }
+pub(crate) fn index(
+    path: &Path,
+    progress: impl Fn(u64, u64) -> ControlFlow<()>,
+) -> Result<(u64, u64), ImageIndexError> {
     let foreign = Foreign::open(path)?;
-    let kept = |problem| IndexError::NotKept { path: path.into(), problem };
+    let kept = |problem| ImageIndexError::NotKept { path: path.into(), problem };
     let unknown =
         "it has more than 200,000 files, or files whose times cannot be read; 'brickyard pack' makes a store of it";
     let state = foreign.state().ok_or_else(|| kept(unknown))?;
@@ -109,7 +91,7 @@ pub fn index(path: &Path, progress: impl Fn(u64, u64) -> ControlFlow<()>) -> Res
     }
     let made = with_voxel_type!(foreign.voxel_type(), T => make::<T>(&foreign, &progress))?;
     let bytes = made.to_bytes(state);
-    let report = IndexReport { bricks: made.ranges.len() as u64, bytes: bytes.len() as u64 };
+    let report = (made.ranges.len() as u64, bytes.len() as u64);
     if foreign.state_now() != Some(state) {
         return Err(kept("the image was written to meanwhile; start over"));
     }
@@ -123,12 +105,12 @@ pub fn index(path: &Path, progress: impl Fn(u64, u64) -> ControlFlow<()>) -> Res
 pub(super) fn make<T: Measure>(
     foreign: &Foreign,
     progress: &(dyn Fn(u64, u64) -> ControlFlow<()> + '_),
-) -> Result<Index, IndexError> {
+) -> Result<Index, ImageIndexError> {
     let info = foreign.source();
     let mut index = Index::empty(foreign.pyramid());
     let all = Index::brick_count(foreign);
     if all.saturating_mul(size_of::<Range>() as u64) > MOST_BYTES {
-        return Err(IndexError::TooLarge { path: foreign.path().into(), bricks: all });
+        return Err(ImageIndexError::TooLarge { path: foreign.path().into(), bricks: all });
     }
     let mut totals: Vec<ChannelTotals> = (0..info.channels).map(|_| ChannelTotals::new(T::TYPE)).collect();
     for (time, channel) in (0..info.times).flat_map(|time| (0..info.channels).map(move |channel| (time, channel))) {
@@ -137,7 +119,7 @@ pub(super) fn make<T: Measure>(
             let first = index.ranges.len() as u64;
             for start in (0..grid.volume()).step_by((BATCH as usize) * rayon::current_num_threads()) {
                 if progress(first + start, all).is_break() {
-                    return Err(IndexError::Cancelled { path: foreign.path().into() });
+                    return Err(ImageIndexError::Cancelled { path: foreign.path().into() });
                 }
                 let end = grid.volume().min(start + BATCH * rayon::current_num_threads() as u64);
                 let batches: Vec<u64> = (start..end).step_by(BATCH as usize).collect();

@@ -5,7 +5,7 @@
 //! Arithmetic only.
 
 use brickyard_import::{ImageLevel, Note, Source};
-use brickyard_volume::{Extent, Level, Pyramid};
+use brickyard_volume::{BrickId, Extent, Level, Pyramid};
 use glam::DVec3;
 use std::sync::Arc;
 
@@ -58,6 +58,20 @@ impl Levels {
     /// The image's own array of a level; `None` if the level is made.
     pub(crate) fn source(&self, level: Level) -> Option<&Arc<dyn Source>> {
         self.sources[level.index()].as_ref()
+    }
+
+    /// Bricks of the image's own level beneath a made brick, from which it follows.
+    pub(crate) fn bricks_beneath(&self, id: BrickId) -> u64 {
+        let own = self.sources[..id.level.index()].iter().rposition(Option::is_some).unwrap_or(0);
+        let (coarse, fine) = (self.pyramid.level(id.level), self.pyramid.level(Level(own as u8)));
+        let region = self.pyramid.brick_box(id.level, id.index);
+        let along = |axis: usize| {
+            let ratio = coarse.factor[axis] / fine.factor[axis];
+            let (min, max) = (region.min.to_array()[axis] * ratio, region.max.to_array()[axis] * ratio);
+            let last = max.min(fine.extent.to_array()[axis]);
+            u64::from(last.div_ceil(self.pyramid.edge()) - min / self.pyramid.edge())
+        };
+        (0..3).map(along).product()
     }
 
     /// Whether an array of the image is a level of the pyramid.

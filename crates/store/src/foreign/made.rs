@@ -7,6 +7,7 @@ use crate::codec::{BrickCodec, Codec};
 use crate::downsample::Reduction;
 use crate::error::ReadError;
 use crate::foreign::Foreign;
+use crate::foreign::making::{Making, Progress};
 use crate::mutex::lock;
 use crate::pack::brick::{fill_up, reduce};
 use crate::pack::cascade::{coarse_box, no_data, ratio, shape};
@@ -25,6 +26,7 @@ const KEPT_BYTES: usize = 64 << 20;
 pub(crate) struct Made {
     codec: BrickCodec,
     recent: Mutex<LruCache<BrickId, Arc<[u8]>>>,
+    progress: Progress,
     /// Levels made one from another, at most.
     depth: u64,
 }
@@ -34,7 +36,8 @@ impl Made {
     pub(crate) fn new(pyramid: &Pyramid, voxel_type: VoxelType) -> Self {
         let codec = BrickCodec::new(Codec::default_for(voxel_type), voxel_type, pyramid.edge());
         let count = NonZeroUsize::new(KEPT_BYTES / codec.core_bytes()).unwrap_or(NonZeroUsize::MIN);
-        Self { codec, recent: Mutex::new(LruCache::new(count)), depth: pyramid.levels().len() as u64 }
+        let recent = Mutex::new(LruCache::new(count));
+        Self { codec, recent, progress: Progress::default(), depth: pyramid.levels().len() as u64 }
     }
 
     /// Most memory of kept bricks, and of those under way in so many threads: at each level a thread may hold a brick, a finer one and its half.
@@ -43,21 +46,55 @@ impl Made {
         (KEPT_BYTES as u64).max(core_bytes) + threads * self.depth * 5 * core_bytes / 2
     }
 
+    /// The bricks under way, if any.
+    pub(crate) fn making(&self) -> Option<Making> {
+        self.progress.now()
+    }
+
     /// Fills `out` with the core of a brick, kept or made from the finer level.
     ///
     /// # Errors
     /// If a brick beneath cannot be read.
     pub(crate) fn read(&self, foreign: &Foreign, id: BrickId, out: &mut [u8]) -> Result<(), ReadError> {
-        if let Some(core) = lock(&self.recent).get(&id) {
-            out.copy_from_slice(core);
+        if self.read_recent(id, out) {
             return Ok(());
         }
-        if !self.read_kept(foreign, id, out) {
+        let _waiting = self.progress.wait_for(foreign.levels.bricks_beneath(id));
+        self.read_counted(foreign, id, out)
+    }
+
+    /// As [`Made::read`], for a brick whose own ones beneath are waited for already.
+    fn read_counted(&self, foreign: &Foreign, id: BrickId, out: &mut [u8]) -> Result<(), ReadError> {
+        if self.read_recent(id, out) {
+            self.progress.advance(foreign.levels.bricks_beneath(id));
+            return Ok(());
+        }
+        if self.read_kept(foreign, id, out) {
+            self.progress.advance(foreign.levels.bricks_beneath(id));
+        } else {
             with_voxel_type!(foreign.voxel_type(), T => make::<T, { size_of::<T>() }>(foreign, id, out))?;
             self.keep(foreign, id, out);
         }
         lock(&self.recent).put(id, (&*out).into());
         Ok(())
+    }
+
+    fn read_recent(&self, id: BrickId, out: &mut [u8]) -> bool {
+        let mut recent = lock(&self.recent);
+        let core = recent.get(&id);
+        core.inspect(|core| out.copy_from_slice(core)).is_some()
+    }
+
+    /// Fills `out` with the core of a finer brick, of the image or made.
+    fn read_beneath(&self, foreign: &Foreign, id: BrickId, out: &mut [u8]) -> Result<(), ReadError> {
+        match foreign.levels.source(id.level) {
+            Some(source) => {
+                foreign.cut(source, id, out)?;
+                self.progress.advance(1);
+                Ok(())
+            }
+            None => self.read_counted(foreign, id, out),
+        }
     }
 
     /// Fills `out` with a brick of the user's cache; false if there is none.
@@ -113,7 +150,8 @@ fn part<T: Measure>(foreign: &Foreign, id: BrickId, index: BrickIndex) -> Result
     let finer = Level(id.level.0 - 1);
     let (edge, core) = (pyramid.edge() as usize, pyramid.brick_box(finer, index));
     let mut voxels = vec![T::default(); edge.pow(3)];
-    foreign.read(BrickId { level: finer, index, ..id }, bytemuck::cast_slice_mut(&mut voxels))?;
+    let beneath = BrickId { level: finer, index, ..id };
+    foreign.made.read_beneath(foreign, beneath, bytemuck::cast_slice_mut(&mut voxels))?;
     let factor = ratio(pyramid.level(finer), pyramid.level(id.level));
     let region = coarse_box(core, factor);
     let mut coarse = vec![T::default(); region.extent().volume() as usize];

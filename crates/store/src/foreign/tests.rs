@@ -7,6 +7,7 @@ use crate::store::Store;
 use brickyard_import::{ImageLevel, ImportError, Presentation, SaidKind};
 use brickyard_volume::{BrickIndex, Extent, Level, with_voxel_type};
 use glam::DVec3;
+use std::sync::{Condvar, Mutex};
 
 /// Hashed voxels with runs of no data, in two steps and channels.
 struct Hashed {
@@ -44,6 +45,31 @@ impl Source for Hashed {
             }
         });
         Ok(())
+    }
+}
+
+/// A source whose boxes are read only so many times, and wait for more.
+struct Gated {
+    inner: Hashed,
+    left: Mutex<u32>,
+    more: Condvar,
+}
+
+impl Gated {
+    fn allow(&self, reads: u32) {
+        *self.left.lock().unwrap() = reads;
+        self.more.notify_all();
+    }
+}
+
+impl Source for Gated {
+    fn info(&self) -> &SourceInfo {
+        self.inner.info()
+    }
+
+    fn read_box(&self, time: u32, channel: u32, region: VoxelBox, out: &mut [u8]) -> Result<(), ImportError> {
+        *self.more.wait_while(self.left.lock().unwrap(), |left| *left == 0).unwrap() -= 1;
+        self.inner.read_box(time, channel, region, out)
     }
 }
 
@@ -208,4 +234,61 @@ fn an_index_has_a_packed_store_s_ranges_and_statistics() {
             }
         }
     }
+}
+
+#[test]
+fn making_tells_the_bricks_read_and_to_be_read() {
+    let inner = Hashed::new(VoxelType::U8, Extent::new(260, 130, 70), None);
+    let gated = Arc::new(Gated { inner, left: Mutex::new(u32::MAX), more: Condvar::new() });
+    let store = opened(vec![gated.clone()]);
+    let of_step = 5 * 3 * 2;
+    let root = |store: &Store| BrickId {
+        time: 1,
+        channel: 0,
+        level: store.layout().levels().last().unwrap(),
+        index: BrickIndex::default(),
+    };
+    assert_eq!(store.making(), None);
+    gated.allow(of_step - 1);
+    std::thread::scope(|scope| {
+        let reader = scope.spawn(|| store.read_core(root(&store), &mut vec![0; store.core_bytes()]));
+        // One reader waits at the gate; the others have ended.
+        let (done, total) = loop {
+            match store.making() {
+                Some(making) if making.done + 1 >= making.total => break (making.done, making.total),
+                _ => std::thread::yield_now(),
+            }
+        };
+        assert_eq!((done, total), (u64::from(of_step) - 1, u64::from(of_step)));
+        gated.allow(u32::MAX);
+        reader.join().unwrap().unwrap();
+    });
+    assert_eq!(store.making(), None);
+    // Kept, so nothing is made.
+    gated.allow(0);
+    store.read_core(root(&store), &mut vec![0; store.core_bytes()]).unwrap();
+}
+
+#[test]
+fn bricks_beneath_are_the_descendants_of_the_own_level() {
+    let fine = Hashed::new(VoxelType::U8, Extent::new(700, 130, 129), None);
+    let coarse = Hashed::new(VoxelType::U8, Extent::new(350, 65, 129), None);
+    let image = image(vec![Arc::new(fine), Arc::new(coarse)]);
+    let levels = Levels::of(&image.levels, DEFAULT_BRICK_EDGE);
+    let pyramid = levels.pyramid();
+    let mut counts: Vec<u64> = vec![1; pyramid.level(Level(1)).bricks.volume() as usize];
+    for level in (2..pyramid.levels().len() as u8).map(Level) {
+        let (grid, finer) = (pyramid.level(level).bricks, pyramid.level(Level(level.0 - 1)).bricks);
+        let indices: Vec<_> = grid.full_box().voxels().map(BrickIndex::from_array).collect();
+        let sums = indices.iter().map(|index| {
+            pyramid.children(level, *index).map(|child| counts[finer.linear(child.to_array()) as usize]).sum()
+        });
+        let sums: Vec<u64> = sums.collect();
+        for (index, sum) in indices.iter().zip(&sums) {
+            let id = BrickId { time: 0, channel: 0, level, index: *index };
+            assert_eq!(levels.bricks_beneath(id), *sum, "{id}");
+        }
+        counts = sums;
+    }
+    assert_eq!(counts, [6 * 2 * 3]);
 }

@@ -234,7 +234,8 @@ fn parse(store: &Path, line: &str) -> Option<(PathBuf, Fingerprint)> {
     (!fingerprint.has_file() || on_disk(&store.join(&path)) == Some(fingerprint)).then_some((path, fingerprint))
 }
 
-fn on_disk(path: &Path) -> Option<Fingerprint> {
+/// The fingerprint of a shard's file; `None` if it cannot be read.
+pub(crate) fn on_disk(path: &Path) -> Option<Fingerprint> {
     let mut file = open_file(path).ok()?;
     let file_bytes = file.metadata().ok()?.len();
     let mut crc = [0; 4];

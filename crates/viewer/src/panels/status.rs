@@ -118,15 +118,20 @@ fn state(canvas: &Canvas) -> String {
         return "not drawn".into();
     }
     let Some(status) = canvas.status() else { return "opening".into() };
+    let volumes = &canvas.resolved().1;
+    let making = volumes.iter().filter_map(VolumeSource::store).find_map(|store| store.making());
     let mut words = match (canvas.is_final(), canvas.progress()) {
         _ if canvas.saves() => "saving a picture".to_string(),
         (true, _) => "final".to_string(),
         (false, Some(drawn)) => format!("drawing {:.0} %", 100.0 * drawn),
-        (false, None) if status.completeness < 1.0 => format!("loading {:.0} %", 100.0 * status.completeness),
+        (false, None) if status.completeness < 1.0 => match making {
+            Some(making) => making.to_string(),
+            None => format!("loading {:.0} %", 100.0 * status.completeness),
+        },
         (false, None) => "coarse while it changes".to_string(),
     };
     if status.failed > 0 {
-        let mut stores = canvas.resolved().1.iter().filter_map(VolumeSource::store);
+        let mut stores = volumes.iter().filter_map(VolumeSource::store);
         words += &match stores.find(|store| store.is_replaced()) {
             Some(store) => format!(", {} was replaced, moved or deleted: open it again", store.path().display()),
             None => format!(", {} bricks cannot be read", status.failed),

@@ -1,0 +1,143 @@
+//! Stores that another program wrote into, indexed, against stores packed from the same voxels.
+
+use super::*;
+use crate::append::Appender;
+use crate::metadata::document_bytes;
+use crate::pack::tests::{Array, files, mean_and_max, options, value};
+use crate::pack::{PackOptions, pack};
+use crate::verify::verify;
+use brickyard_volume::{ChannelLook, VoxelType};
+use serde_json::{Value, json};
+use std::collections::BTreeMap;
+
+/// Shards have 32 voxels along each axis.
+const EXTENT: [u32; 3] = [70, 40, 20];
+
+fn first(i: u32, [x, y, z]: [u32; 3]) -> u8 {
+    if (32..64).contains(&x) && y < 32 { 0 } else { (value([x, y, z]) as u32 + i + 1) as u8 }
+}
+
+/// Voxels that another program writes: one shard of zeros, one where there was none, and four of other values.
+fn rewritten(i: u32, [x, y, z]: [u32; 3]) -> u8 {
+    match (x / 32, y / 32) {
+        (0, 0) => 0,
+        (1, 0) => 7,
+        _ if z > 12 => 255 - first(i, [x, y, z]),
+        _ => first(i, [x, y, z]),
+    }
+}
+
+fn packed(path: &Path, times: u32, voxel: fn(u32, [u32; 3]) -> u8) {
+    let mut source = Array::series(EXTENT, times, 2, voxel);
+    source.info.nodata = Some(3.0);
+    let packing = PackOptions { downsample: mean_and_max(), aprons: 1, ..options(VoxelType::U8) };
+    pack(&source, path, &packing, &()).unwrap();
+}
+
+/// Gives a store the shards of level 0 of another one, as a program does that writes these voxels.
+fn write_into(path: &Path, voxels_of: &Path) {
+    let is_shard = |file: &PathBuf| file.starts_with("0/c");
+    for file in files(path).keys().filter(|file| is_shard(file)) {
+        std::fs::remove_file(path.join(file)).unwrap();
+    }
+    for (file, bytes) in files(voxels_of).into_iter().filter(|(file, _)| is_shard(file)) {
+        std::fs::create_dir_all(path.join(&file).parent().unwrap()).unwrap();
+        std::fs::write(path.join(file), bytes).unwrap();
+    }
+}
+
+fn indexed(path: &Path) -> Result<IndexReport, RemakeError> {
+    index_own(&Disk::default(), path, &|_, _| ControlFlow::Continue(()))
+}
+
+/// Files of a store but its root document, and the latter.
+fn with_root(path: &Path) -> (BTreeMap<PathBuf, Vec<u8>>, Value) {
+    let mut files = files(path);
+    let root = files.remove(Path::new("zarr.json")).unwrap();
+    (files, serde_json::from_slice(&root).unwrap())
+}
+
+#[test]
+fn a_store_written_into_becomes_one_packed_so() {
+    for times in [1, 3] {
+        let folder = tempfile::tempdir().unwrap();
+        let [path, expected] = ["s.zarr", "t.zarr"].map(|name| folder.path().join(name));
+        packed(&path, times, first);
+        packed(&expected, times, rewritten);
+        write_into(&path, &expected);
+        assert!(!verify(&path, |_, _| {}).unwrap().problems.is_empty());
+        let report = indexed(&path).unwrap();
+        let volumes = u64::from(times) * 2;
+        assert_eq!(report.shards, Some(ShardChanges { changed: 4 * volumes, added: volumes, gone: volumes }));
+        let [found, expected] = [&path, &expected].map(|path| with_root(path));
+        assert!(found.0 == expected.0, "{times}: other files");
+        assert_eq!(found.1, expected.1, "{times}");
+        assert_eq!(verify(&path, |_, _| {}).unwrap().problems, vec![]);
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 2, "nothing is left beside it");
+    }
+}
+
+#[test]
+fn a_store_as_packed_stays_so() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("s.zarr");
+    packed(&path, 1, first);
+    let before = files(&path);
+    assert_eq!(indexed(&path).unwrap().shards, Some(ShardChanges::default()));
+    assert!(files(&path) == before);
+}
+
+/// Coarse levels written by another program are made again; looks given by users stay, also in a store with appended steps.
+#[test]
+fn looks_and_steps_stay() {
+    let folder = tempfile::tempdir().unwrap();
+    let [path, expected] = ["s.zarr", "t.zarr"].map(|name| folder.path().join(name));
+    for (path, voxel) in [(&path, first as fn(u32, [u32; 3]) -> u8), (&expected, rewritten)] {
+        let mut source = Array::series(EXTENT, 1, 1, voxel);
+        source.info.channel_looks = vec![ChannelLook { window: Some([1.0, 99.0]), ..ChannelLook::default() }];
+        let mut appender = Appender::create(path, &source, Some(0.0), &options(VoxelType::U8), &()).unwrap();
+        appender.append(&source, None, &()).unwrap();
+    }
+    for path in [&path, &expected] {
+        let mut root = with_root(path).1;
+        root["attributes"]["ome"]["omero"]["channels"][0]["label"] = json!("theirs");
+        root["attributes"]["theirs"] = json!([1]);
+        std::fs::write(path.join("zarr.json"), document_bytes(&root)).unwrap();
+    }
+    write_into(&path, &expected);
+    std::fs::remove_file(path.join("1/c/0/0/0/0")).unwrap();
+    indexed(&path).unwrap();
+    let [found, expected] = [&path, &expected].map(|path| with_root(path));
+    assert!(found.0 == expected.0);
+    assert_eq!(found.1, expected.1);
+    let mut appender = Appender::open(&path, AppendOptions { memory_bytes: 1 << 30, threads: 2 }).unwrap();
+    appender.append(&Array::series(EXTENT, 1, 1, first), None, &()).unwrap();
+    drop(appender);
+    assert_eq!(verify(&path, |_, _| {}).unwrap().problems, vec![]);
+}
+
+#[test]
+fn a_store_that_cannot_be_indexed_stays() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("s.zarr");
+    packed(&path, 1, first);
+    let before = files(&path);
+    let stopped = index_own(&Disk::default(), &path, &|_, _| ControlFlow::Break(())).unwrap_err();
+    assert!(matches!(stopped, RemakeError::Cancelled { .. }), "{stopped}");
+    assert!(files(folder.path()).len() == before.len() && files(&path) == before);
+    // A damaged brick.
+    let shard = path.join("0/c/0/0/1/1");
+    let mut bytes = std::fs::read(&shard).unwrap();
+    bytes[5] ^= 1;
+    std::fs::write(&shard, &bytes).unwrap();
+    let damaged = files(&path);
+    let message = indexed(&path).unwrap_err().to_string();
+    assert!(message.contains("the store is unchanged"), "{message}");
+    assert!(files(&path) == damaged);
+    // Another spacing, which may be damage.
+    let mut root = with_root(&path).1;
+    root["attributes"]["brickyard"]["spacing"] = json!([1.0, 1.0, 7.0]);
+    std::fs::write(path.join("zarr.json"), document_bytes(&root)).unwrap();
+    assert!(indexed(&path).is_err());
+    assert!(files(folder.path()).len() == before.len());
+}
