@@ -26,6 +26,11 @@ fn stores_of_ome_zarr_0_6_are_valid_and_read_by_zarr_python() {
 }
 
 #[test]
+fn stores_that_zarr_python_wrote_into_are_indexed_as_packed_ones() {
+    Sandbox::default().python("written_stores.py");
+}
+
+#[test]
 fn slices_of_scans_in_any_orientation_are_those_that_simpleitk_resamples() {
     Sandbox::default().python("orientation.py");
 }

@@ -35,7 +35,8 @@ Examples:
 pub(crate) const INDEX: &str = "\
 Examples:
   brickyard index cells.ome.zarr
-  brickyard index plate.ome.zarr::B/3/0";
+  brickyard index plate.ome.zarr::B/3/0
+  brickyard index scan.zarr";
 
 pub(crate) const UPGRADE: &str = "\
 Examples:

@@ -150,7 +150,7 @@ pub enum ReadError {
     /// The shard file differs from the packed one.
     #[error(
         "{path}: {what}: expected {expected}, found {found} (rewritten or truncated by another program); restore the \
-         file, or pack the store again"
+         file, pack the store again, or make its index again (`brickyard index`) if the new voxels are meant"
     )]
     Rewritten {
         /// The shard's file.
