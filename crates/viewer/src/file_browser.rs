@@ -294,6 +294,54 @@ mod tests {
         assert!(browser.entries.unwrap_err().contains("gone: No such file"));
     }
 
+    /// A group of Zarr with arrays of these names.
+    fn zarr_of(folder: &Path, names: &[&str]) {
+        std::fs::create_dir_all(folder).unwrap();
+        std::fs::write(folder.join("zarr.json"), r#"{"zarr_format": 3, "node_type": "group"}"#).unwrap();
+        let array = r#"{"zarr_format": 3, "node_type": "array", "shape": [4, 5, 6], "data_type": "uint8", "fill_value": 0,
+            "chunk_grid": {"name": "regular", "configuration": {"chunk_shape": [4, 5, 6]}}, "codecs": [{"name": "bytes"}],
+            "chunk_key_encoding": {"name": "default", "configuration": {"separator": "/"}}}"#;
+        for name in names {
+            std::fs::create_dir(folder.join(name)).unwrap();
+            std::fs::write(folder.join(name).join("zarr.json"), array).unwrap();
+        }
+    }
+
+    #[test]
+    fn one_of_several_images_of_a_zarr_is_chosen() {
+        let folder = tempfile::tempdir().unwrap();
+        zarr_of(&folder.path().join("several.zarr"), &["left", "right"]);
+        zarr_of(&folder.path().join("single.zarr"), &["only"]);
+        let mut harness = harness(folder.path(), &[]);
+        harness.get_by_label("single.zarr (store)").click();
+        let is_chosen = |harness: &mut Harness<'_, (FileBrowser, Option<PathBuf>)>| {
+            harness.step();
+            harness.state().1.clone()
+        };
+        let wait = |harness: &mut Harness<'_, (FileBrowser, Option<PathBuf>)>, done: &dyn Fn(&FileBrowser) -> bool| {
+            for _ in 0..1000 {
+                if is_chosen(harness).is_some() || done(&harness.state().0) {
+                    return;
+                }
+                std::thread::sleep(Duration::from_millis(10));
+            }
+            panic!("no image within ten seconds");
+        };
+        wait(&mut harness, &|_| false);
+        assert_eq!(harness.state_mut().1.take(), Some(folder.path().join("single.zarr")));
+        harness.get_by_label("several.zarr (store)").click();
+        wait(&mut harness, &|browser| browser.refusal.as_deref() == Some("choose an image"));
+        harness.step();
+        harness.get_by_label("right (4 x 5 x 6, u8)").click();
+        wait(&mut harness, &|_| false);
+        let path = format!("{}::right", folder.path().join("several.zarr").display());
+        assert_eq!(harness.state().1, Some(PathBuf::from(path)));
+        harness.get_by_label("Up").click();
+        harness.step();
+        harness.step();
+        assert!(harness.query_by_label("single.zarr (store)").is_some());
+    }
+
     fn harness<'a>(folder: &Path, names: &[&str]) -> Harness<'a, (FileBrowser, Option<PathBuf>)> {
         names.iter().for_each(|name| std::fs::write(folder.join(name), "x").unwrap());
         let show = |ui: &mut Ui, (browser, chosen): &mut (FileBrowser, Option<PathBuf>)| {
