@@ -31,6 +31,7 @@ pub(crate) struct Cache {
     /// Bytes that may still be written; looked up before the first write.
     left_bytes: OnceLock<AtomicU64>,
     is_marked: OnceLock<()>,
+    is_tidy: OnceLock<()>,
 }
 
 impl Cache {
@@ -46,6 +47,7 @@ impl Cache {
             most_bytes,
             left_bytes: OnceLock::new(),
             is_marked: OnceLock::new(),
+            is_tidy: OnceLock::new(),
         }
     }
 
@@ -66,6 +68,18 @@ impl Cache {
             self.is_marked.get_or_init(|| drop(fs::write(folder.join(USED_NAME), [])));
         }
         Some(bytes)
+    }
+
+    /// Deletes the folders of former states of the image's files, once: nothing reads them again, and they take room.
+    pub(crate) fn forget_states_but(&self, present: &str) {
+        let Some(folder) = &self.folder else { return };
+        self.is_tidy.get_or_init(|| {
+            let entries = fs::read_dir(folder).into_iter().flatten().flatten();
+            let folders = entries.filter(|entry| entry.file_type().is_ok_and(|kind| kind.is_dir()));
+            for former in folders.filter(|entry| entry.file_name() != present) {
+                drop(fs::remove_dir_all(former.path()));
+            }
+        });
     }
 
     /// Sets room for so many bytes aside, for [`Cache::write_reserved`]; false if there is none.
@@ -196,6 +210,16 @@ mod tests {
         assert!(root.path().join("another's").exists());
         let total: u64 = images_in(root.path()).iter().map(|(.., bytes)| bytes).sum();
         assert!(total <= 7_000, "{total}");
+    }
+
+    #[test]
+    fn former_states_make_room() {
+        let root = tempfile::tempdir().unwrap();
+        let a = cache(root.path(), 3_000, "a");
+        assert!(a.write("1/0", &[0; 1_000]) && a.write("index", b"i") && !a.write("2/0", &[0; 2_000]));
+        let a = cache(root.path(), 3_000, "a");
+        a.forget_states_but("2");
+        assert!(a.write("2/0", &[0; 2_000]) && a.read("index").is_some() && a.read("1/0").is_none());
     }
 
     #[test]

@@ -26,6 +26,8 @@ const KEPT_BYTES: usize = 64 << 20;
 pub(crate) struct Made {
     codec: BrickCodec,
     recent: Mutex<LruCache<BrickId, Arc<[u8]>>>,
+    /// Held while a brick is made, whose makers use all processors: another thread then finds it, and those beneath, kept.
+    turn: Mutex<()>,
     progress: Progress,
     /// Levels made one from another, at most.
     depth: u64,
@@ -37,7 +39,13 @@ impl Made {
         let codec = BrickCodec::new(Codec::default_for(voxel_type), voxel_type, pyramid.edge());
         let count = NonZeroUsize::new(KEPT_BYTES / codec.core_bytes()).unwrap_or(NonZeroUsize::MIN);
         let recent = Mutex::new(LruCache::new(count));
-        Self { codec, recent, progress: Progress::default(), depth: pyramid.levels().len() as u64 }
+        Self {
+            codec,
+            recent,
+            turn: Mutex::new(()),
+            progress: Progress::default(),
+            depth: pyramid.levels().len() as u64,
+        }
     }
 
     /// Most memory of kept bricks, and of those under way in so many threads: at each level a thread may hold a brick, a finer one and its half.
@@ -56,6 +64,11 @@ impl Made {
     /// # Errors
     /// If a brick beneath cannot be read.
     pub(crate) fn read(&self, foreign: &Foreign, id: BrickId, out: &mut [u8]) -> Result<(), ReadError> {
+        if self.read_recent(id, out) {
+            return Ok(());
+        }
+        // A thread of a pool may wait for nobody whose work its pool does.
+        let _turn = rayon::current_thread_index().is_none().then(|| lock(&self.turn));
         if self.read_recent(id, out) {
             return Ok(());
         }
@@ -108,13 +121,19 @@ impl Made {
         let Some(state) = foreign.cache().is_there().then(|| foreign.state()).flatten() else { return };
         let mut encoded = Vec::new();
         Scratch::with(|scratch| self.codec.encode(scratch, core, &mut encoded));
+        foreign.cache().forget_states_but(&state_name(state));
         foreign.cache().write(&name(state, id), &encoded);
     }
 }
 
 /// A made brick's name in the cache.
 fn name(state: u64, BrickId { time, channel, level, index }: BrickId) -> String {
-    format!("{state:016x}/{}.{time}.{channel}.{}.{}.{}", level.0, index.z, index.y, index.x)
+    format!("{}/{}.{time}.{channel}.{}.{}.{}", state_name(state), level.0, index.z, index.y, index.x)
+}
+
+/// The folder in the cache for one state of the image's files.
+pub(super) fn state_name(state: u64) -> String {
+    format!("{state:016x}")
 }
 
 /// A brick's part of the next coarser level: its box, and its voxels.
