@@ -118,7 +118,8 @@ impl Foreign {
         let kind = Kind::said_by(info);
         let method = Reductions::default_for(kind).main();
         let levels = Levels::of(&image.levels, DEFAULT_BRICK_EDGE);
-        let made = Made::new(levels.pyramid(), info.voxel_type);
+        let bricks = levels.made_bricks().saturating_mul(u64::from(info.times) * u64::from(info.channels));
+        let made = Made::new(levels.pyramid(), info.voxel_type, bricks);
         let notes = [&info.notes[..], &levels.notes(&image.levels)].concat();
         let mut foreign = Self {
             path: path.into(),

@@ -60,6 +60,12 @@ impl Levels {
         self.sources[level.index()].as_ref()
     }
 
+    /// Bricks of the levels to be made, of one time step and channel.
+    pub(crate) fn made_bricks(&self) -> u64 {
+        let levels = self.pyramid.levels().iter().zip(&self.sources);
+        levels.filter(|(_, source)| source.is_none()).map(|(level, _)| level.bricks.volume()).sum()
+    }
+
     /// Bricks of the image's own level beneath a made brick, from which it follows.
     pub(crate) fn bricks_beneath(&self, id: BrickId) -> u64 {
         let own = self.sources[..id.level.index()].iter().rposition(Option::is_some).unwrap_or(0);

@@ -34,10 +34,11 @@ pub(crate) struct Made {
 }
 
 impl Made {
-    /// Creates an empty store of a pyramid's bricks.
-    pub(crate) fn new(pyramid: &Pyramid, voxel_type: VoxelType) -> Self {
+    /// Creates an empty store of a pyramid's made bricks, of which there are `bricks`.
+    pub(crate) fn new(pyramid: &Pyramid, voxel_type: VoxelType, bricks: u64) -> Self {
         let codec = BrickCodec::new(Codec::default_for(voxel_type), voxel_type, pyramid.edge());
-        let count = NonZeroUsize::new(KEPT_BYTES / codec.core_bytes()).unwrap_or(NonZeroUsize::MIN);
+        let most = (KEPT_BYTES / codec.core_bytes()) as u64;
+        let count = NonZeroUsize::new(most.min(bricks) as usize).unwrap_or(NonZeroUsize::MIN);
         let recent = Mutex::new(LruCache::new(count));
         Self {
             codec,
@@ -51,7 +52,7 @@ impl Made {
     /// Most memory of kept bricks, and of those under way in so many threads: at each level a thread may hold a brick, a finer one and its half.
     pub(crate) fn cache_bytes(&self, threads: u64) -> u64 {
         let core_bytes = self.codec.core_bytes() as u64;
-        (KEPT_BYTES as u64).max(core_bytes) + threads * self.depth * 5 * core_bytes / 2
+        lock(&self.recent).cap().get() as u64 * core_bytes + threads * self.depth * 5 * core_bytes / 2
     }
 
     /// The bricks under way, if any.
