@@ -194,6 +194,8 @@ impl Progress for Watch<'_> {
     }
 
     fn is_cancelled(&self) -> bool {
-        (self.progress)(self.done.load(Ordering::Relaxed), self.bricks).is_break()
+        // The coarser levels' last bricks, and the documents, are still to come.
+        let done = self.done.load(Ordering::Relaxed).min(self.bricks.saturating_sub(1));
+        (self.progress)(done, self.bricks).is_break()
     }
 }
