@@ -48,24 +48,43 @@ pub(crate) fn of(levels: &[ImageLevel]) -> Result<Sample, OpenError> {
     Ok(Sample { channels: channels.into_iter().map(|(statistics, _)| statistics).collect(), is_whole })
 }
 
-/// Boxes of whole chunks, evenly spread over all, of at most so many voxels together; one box at least, of a part of a chunk where that is greater.
+/// Boxes of whole chunks, evenly spread along each axis, of at most so many voxels together; one box at least, of a part of a chunk where that is greater.
 fn boxes(whole: Extent, chunk: Extent, most_voxels: u64) -> Vec<VoxelBox> {
     let (n, chunk) = (whole.to_array(), chunk.to_array());
     let edge: [u32; 3] = std::array::from_fn(|axis| chunk[axis].clamp(1, n[axis]));
-    let grid = Extent::from_array(std::array::from_fn(|axis| n[axis].div_ceil(edge[axis])));
+    let grid: [u32; 3] = std::array::from_fn(|axis| n[axis].div_ceil(edge[axis]));
     let chunk_voxels = edge.iter().map(|&n| u64::from(n)).product::<u64>();
-    let all = grid.volume();
-    let taken = (most_voxels / chunk_voxels).clamp(1, all);
-    let box_of = |i: u64| {
-        // The middle of each of `taken` equal parts.
-        let place = (u128::from(2 * i + 1) * u128::from(all) / u128::from(2 * taken)) as u64;
-        let [x, y] = [grid.x, grid.y].map(u64::from);
-        let at = [place % x, place / x % y, place / (x * y)].map(|i| i as u32);
-        let min: [u32; 3] = std::array::from_fn(|axis| at[axis] * edge[axis]);
+    let taken = counts(grid, (most_voxels / chunk_voxels).max(1));
+    let box_of = |place: [u32; 3]| {
+        // The chunk in the middle of each of `taken` equal parts.
+        let middle = |axis: usize| u64::from(2 * place[axis] + 1) * u64::from(grid[axis]) / u64::from(2 * taken[axis]);
+        let min: [u32; 3] = std::array::from_fn(|axis| middle(axis) as u32 * edge[axis]);
         let max = std::array::from_fn(|axis| min[axis].saturating_add(edge[axis]).min(n[axis]));
         part(VoxelBox::new(min, max), most_voxels)
     };
-    (0..taken).map(box_of).collect()
+    Extent::from_array(taken).full_box().voxels().map(box_of).collect()
+}
+
+/// Chunks along each axis, at most `most` together, as like a share of each axis's as can be: chunks a fixed number apart in one order would all lie in the
+/// same rows of a grid of powers of two.
+fn counts(grid: [u32; 3], most: u64) -> [u32; 3] {
+    let of_share = |share: f64| grid.map(|n| ((f64::from(n) * share) as u32).clamp(1, n));
+    let fits = |counts: [u32; 3]| counts.iter().map(|&n| u64::from(n)).product::<u64>() <= most;
+    let (mut low, mut high) = (0.0, 1.0);
+    if fits(grid) {
+        return grid;
+    }
+    for _ in 0..40 {
+        let middle = (low + high) / 2.0;
+        *(if fits(of_share(middle)) { &mut low } else { &mut high }) = middle;
+    }
+    let mut counts = of_share(low);
+    // Axes with the same share grow at once, which may be too much.
+    for axis in [2, 1, 0] {
+        let others: u64 = (0..3).filter(|other| *other != axis).map(|other| u64::from(counts[other])).product();
+        counts[axis] = (most / others).clamp(1, u64::from((2 * counts[axis]).min(grid[axis]))) as u32;
+    }
+    counts
 }
 
 /// The first slices, rows or voxels of a box with too many.
@@ -137,5 +156,26 @@ mod tests {
         }
         let spread = boxes(whole, Extent::new(1000, 1000, 1), 4_000_000);
         assert_eq!(spread.iter().map(|b| b.min.z).collect::<Vec<_>>(), [125, 375, 625, 875]);
+        let edges = boxes(Extent::new(1024, 1024, 1024), Extent::new(64, 64, 64), MOST_VOXELS);
+        let along = |at: fn(&VoxelBox) -> u32| edges.iter().map(at).collect::<std::collections::BTreeSet<_>>();
+        for found in [along(|b| b.min.x), along(|b| b.min.y), along(|b| b.min.z)] {
+            assert_eq!(found.into_iter().collect::<Vec<_>>(), [128, 384, 640, 896]);
+        }
+    }
+
+    #[test]
+    fn counts_fit_and_use_most_of_the_limit() {
+        for grid in [[10, 10, 10], [1, 1, 1000], [3, 700, 20], [16, 16, 16], [1, 40, 2000]] {
+            let all = grid.iter().map(|&n| u64::from(n)).product::<u64>();
+            for most in (1..100).chain([all / 3, all - 1, all, 2 * all]) {
+                let counts = counts(grid, most);
+                let product = counts.iter().map(|&n| u64::from(n)).product::<u64>();
+                assert!(product <= most && 3 * product >= most.min(all), "{grid:?} {most}: {counts:?}");
+                assert!(
+                    counts.iter().zip(grid).all(|(count, n)| (1..=n).contains(count)),
+                    "{grid:?} {most}: {counts:?}"
+                );
+            }
+        }
     }
 }
