@@ -30,6 +30,7 @@ use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::SystemTime;
 
 /// Why there is no index.
 #[derive(Debug, thiserror::Error)]
@@ -84,6 +85,8 @@ pub(crate) fn index_own(
     progress: &(dyn Fn(u64, u64) -> ControlFlow<()> + Sync),
 ) -> Result<IndexReport, RemakeError> {
     let dir = find_finished(disk, path)?;
+    let (shards, begun) = (dir.join("0/c"), SystemTime::now());
+    let state = foreign::state_of_files(&shards, begun);
     let store = Store::open_own(&dir)?;
     let mut root = checked_root(&store)?;
     let voxels = level_0(&store)?;
@@ -94,6 +97,10 @@ pub(crate) fn index_own(
     let (kept, changes) = survey(&store);
     let watch = Watch { progress, bricks, done: AtomicU64::new(0) };
     remake.run(disk, &watch, &Kept::Shards(kept), |new, totals| {
+        if state.is_some() && foreign::state_of_files(&shards, begun) != state {
+            let problem = "another program wrote into level 0 meanwhile".into();
+            return Err(RemakeError::Levels { store: dir.clone(), problem });
+        }
         if let Some(times) = store.info().times {
             let counts = Counts::in_folder(store.layout(), new);
             counts.write(disk, times, totals).map_err(crate::pack::PackError::from)?;

@@ -125,8 +125,17 @@ fn a_store_that_cannot_be_indexed_stays() {
     let stopped = index_own(&Disk::default(), &path, &|_, _| ControlFlow::Break(())).unwrap_err();
     assert!(matches!(stopped, RemakeError::Cancelled { .. }), "{stopped}");
     assert!(files(folder.path()).len() == before.len() && files(&path) == before);
-    // A damaged brick.
+    // Another program writes meanwhile.
     let shard = path.join("0/c/0/0/1/1");
+    let write = |_, _| {
+        let bytes = std::fs::read(&shard).unwrap();
+        std::fs::write(&shard, bytes).unwrap();
+        ControlFlow::Continue(())
+    };
+    let stopped = index_own(&Disk::default(), &path, &write).unwrap_err().to_string();
+    assert!(stopped.contains("wrote into level 0 meanwhile"), "{stopped}");
+    assert!(files(folder.path()).len() == before.len() && files(&path) == before);
+    // A damaged brick.
     let mut bytes = std::fs::read(&shard).unwrap();
     bytes[5] ^= 1;
     std::fs::write(&shard, &bytes).unwrap();
