@@ -25,6 +25,7 @@ import zarr
 
 COMMAND, OUTPUT = sys.argv[1], pathlib.Path(sys.argv[2]).resolve()
 SIZES = {"t": 2, "c": 2, "z": 10, "y": 36, "x": 44, "-": 1}
+TIMES = [f"{prefix}second" for prefix in ("", "deci", "centi", "milli", "micro", "nano", "pico")] + ["minute", "hour", "day"]
 TYPES = ["u1", "u2", "i2", "f4"]
 KINDS = ["multiscales", "plate", "well", "labels", "series", "bioformats2raw.layout", "image-label", "scene", "omero"]
 PLAIN = [{"version": "0.4", "axes": list("yx"), "datasets": [{"path": "0"}]}]
@@ -96,6 +97,9 @@ def document(source, name, value, claim=""):
         ome = {"plate": ome}
     if "channels" in ome and "rdefs" in ome:
         ome = {"omero": ome}
+    scene = ome.get("scene")
+    if isinstance(scene, dict) and "coordinateSystems" in scene and '"path"' not in json.dumps(scene):
+        ome = scene
     if "coordinateSystems" in ome and "coordinateTransformations" in ome:
         ome = wrapped(ome)
     if ome is None or not any(key in ome for key in KINDS) or ome.get("@graph"):
@@ -349,6 +353,7 @@ def check_time(info, place):
     if place.time is None or info["times"] < 2:
         return
     start, step, unit = place.time
+    unit = unit if unit in TIMES else None
     if unit is None and (start, step) == (0, 1):
         expected = None
     else:
@@ -404,7 +409,8 @@ def judged(source, name, claim, check):
     except Refused as refusal:
         code, said = refusal.args
         error = next((line for line in said.splitlines() if line.startswith("error")), said)
-        return Case(source, name, claim, f"refused ({code})", error.replace(str(OUTPUT) + "/", "").replace(str(FOLDERS[source]) + "/", ""), said)
+        outcome = "choice" if re.search(r"holds \d+ datasets", error) else f"refused ({code})"
+        return Case(source, name, claim, outcome, error.replace(str(OUTPUT) + "/", "").replace(str(FOLDERS[source]) + "/", ""), said)
     except Wrong as wrong:
         return Case(source, name, claim, "WRONG", str(wrong))
 
@@ -493,7 +499,7 @@ def by_models(one):
 
 
 def report(cases):
-    outcomes = ["read", "refused (2)", "refused (3)", "no reference", "WRONG"]
+    outcomes = ["read", "choice", "refused (2)", "refused (3)", "no reference", "WRONG"]
     rows = collections.Counter((case.source, case.claim or ("arrays" if case.name.startswith("array ") else "examples"), case.outcome) for case in cases)
     lines = [f"| source | of | cases | {' | '.join(outcomes)} |", "| --- | --- |" + " ---: |" * (len(outcomes) + 1)]
     for source, claim in sorted({key[:2] for key in rows}):

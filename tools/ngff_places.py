@@ -60,7 +60,7 @@ def letters_of(axes):
     """Time and channels by type, or name; axes of space by name, or all by order where one has no such name."""
     by_type = {"time": "t", "channel": "c"}
     found = [by_type.get(axis.kind) or (axis.name.lower() if axis.kind is None and axis.name.lower() in list("tc") else "-") for axis in axes]
-    space = [n for n, axis in enumerate(axes) if axis.kind == "space" or (axis.kind is None and found[n] == "-")]
+    space = [n for n, axis in enumerate(axes) if axis.kind in ("space", "array") or (axis.kind is None and found[n] == "-")]
     names = [axes[n].name.lower() for n in space]
     if not (set(names) <= set(SPACE) and len(set(names)) == len(names)):
         names = ["-"] * (len(space) - 3) + list("zyx"[-len(space) :])
@@ -175,6 +175,7 @@ def read_image(image):
             systems[need(system.get("name"), str, "a system's name")] = read_axes(system.get("axes"))
         ends = {end_of(need(items, list, "transformations")[-1], "output")[0] for items in transforms if items}
         own = ends.pop() if len(ends) == 1 else None
+        own = next(iter(systems)) if own is None and len(systems) == 1 else own
         if own not in systems:
             raise Unreadable("the levels' system")
         axes = systems[own]
