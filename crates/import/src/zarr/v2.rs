@@ -7,7 +7,7 @@ use super::keys::Keys;
 use super::layout::Layout;
 use crate::element::{Element, Endian};
 use crate::error::Result;
-use serde_json::Value;
+use serde_json::{Number, Value};
 
 /// The layout that a `.zarray` tells.
 pub(super) fn layout(document: &Document) -> Result<Layout> {
@@ -24,7 +24,7 @@ pub(super) fn layout(document: &Document) -> Result<Layout> {
     let order: Vec<usize> = if is_c { (0..shape.len()).collect() } else { (0..shape.len()).rev().collect() };
     // Without a value, chunks never written hold anything; programs make them zeros.
     let zero = vec![0; element.bytes()];
-    let fill = root.get("fill_value").map_or(Some(zero), |value| fill_of(element, value));
+    let fill = root.get("fill_value").map_or(Some(zero), |value| fill(element, value));
     let fill = fill.ok_or_else(|| {
         let expected = format!("a number of the type {element}");
         root.damaged("fill_value", &expected, root.get("fill_value").unwrap_or(&Value::Null))
@@ -43,6 +43,12 @@ pub(super) fn layout(document: &Document) -> Result<Layout> {
         dimension_names: vec![None; shape.len()],
         shape,
     })
+}
+
+/// The element of chunks never written. Writers in Java have numbers as texts: "0".
+fn fill(element: Element, value: &Value) -> Option<Vec<u8>> {
+    let number = value.as_str().and_then(|text| serde_json::from_str::<Number>(text).ok());
+    number.map_or_else(|| fill_of(element, value), |number| fill_of(element, &Value::Number(number)))
 }
 
 /// Filters in their order, then the compressor.

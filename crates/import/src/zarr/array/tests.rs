@@ -444,6 +444,7 @@ fn unsupported_features_are_named() {
         (v2("filters", json!([{ "id": "fixedscaleoffset" }])), "the codec \"fixedscaleoffset\""),
         (v2("filters", json!([{ "id": "delta", "dtype": "<i4" }])), "the filter \"delta\" into another type"),
         (v2("fill_value", json!(-1)), "fill_value: expected a number of the type u16, found -1"),
+        (v2("fill_value", json!("seven")), "fill_value: expected a number of the type u16, found \"seven\""),
         (v2("order", json!("A")), "order: expected \"C\" or \"F\""),
         (v2("shape", json!([1, -1])), "shape: expected a list of lengths"),
         (v2("chunks", json!([1, 1])), "expected chunks of 3 axes as the array has, found 2"),
@@ -513,7 +514,9 @@ fn texts_and_short_forms_of_drafts_are_read() {
 
 #[test]
 fn fill_values_stand_for_missing_chunks() {
-    for (is_v3, fill, expected) in [(false, json!(513), 513u16), (false, Value::Null, 0), (true, json!(65535), 65535)] {
+    for (is_v3, fill, expected) in
+        [(false, json!(513), 513u16), (false, json!("7"), 7), (false, Value::Null, 0), (true, json!(65535), 65535)]
+    {
         let made = Made::usual(is_v3);
         let folder = tempfile::tempdir().unwrap();
         let mut document = made.document();
