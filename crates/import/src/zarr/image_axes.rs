@@ -56,7 +56,8 @@ pub(super) fn letters_of(axes: &[ImageAxis]) -> Vec<Option<Axis>> {
         Some("time") => Some(Axis::T),
         Some("channel") => Some(Axis::C),
         Some("space") => letter_of(&axis.name).filter(is_spatial),
-        None => letter_of(&axis.name),
+        // Axes of an array tell no more than their names.
+        None | Some("array") => letter_of(&axis.name),
         // A type of its own is not one of space, whatever its name.
         Some(_) => letter_of(&axis.name).filter(|axis| !is_spatial(axis)),
     };
@@ -68,29 +69,43 @@ pub(super) fn letters_of(axes: &[ImageAxis]) -> Vec<Option<Axis>> {
     }
     let free = [Axis::X, Axis::Y, Axis::Z].into_iter().filter(|axis| !letters.contains(&Some(*axis)));
     let free: Vec<Axis> = free.collect();
-    let may_be_space = |axis: &ImageAxis| axis.kind.as_deref().is_none_or(|kind| kind == "space");
+    let may_be_space = |axis: &ImageAxis| axis.kind.as_deref().is_none_or(|kind| ["space", "array"].contains(&kind));
     let unknown = (0..axes.len()).rev().filter(|at| letters[*at].is_none() && may_be_space(&axes[*at]));
     let unknown: Vec<usize> = unknown.collect();
     unknown.into_iter().zip(free).for_each(|(at, axis)| letters[at] = Some(axis));
     letters
 }
 
+/// An axis for a message: its name, and a type that none of the letters has.
+fn in_words(axis: &ImageAxis) -> String {
+    match axis.kind.as_deref() {
+        None | Some("time" | "channel" | "space") => axis.name.clone(),
+        Some(kind) => format!("{} (of type {:?})", axis.name, kind.chars().take(20).collect::<String>()),
+    }
+}
+
 /// The letters of an array's axes: the caller's, or the document's. Axes of one element and of no letter have none.
 ///
 /// # Errors
-/// If a longer axis has no letter, or x or y is missing: the caller's `axes` give them.
+/// If two axes have one name, a longer axis has no letter, or x or y is missing: the caller's `axes` give them.
 pub(super) fn arrange(
     axes: &[ImageAxis],
     shape: &[u64],
     told: Option<&AxisOrder>,
 ) -> Result<Vec<Option<Axis>>, String> {
     let names: Vec<&str> = axes.iter().map(|axis| axis.name.as_str()).collect();
-    let said = format!("{} of {shape:?}", names.join(", "));
+    let said = format!("{} of {shape:?}", axes.iter().map(in_words).collect::<Vec<_>>().join(", "));
     if let Some(told) = told {
         return match told.axes().len() == shape.len() {
             true => Ok(told.axes().iter().copied().map(Some).collect()),
             false => Err(format!("`axes` '{told}': the image has {}, {said}", counted(shape.len() as u64, "axis"))),
         };
+    }
+    if let Some(at) = (0..names.len()).find(|at| names[..*at].contains(&names[*at])) {
+        return Err(format!(
+            "two axes have the name '{}' (axes {said}); name all with `axes`, slowest first, such as zyx",
+            names[at]
+        ));
     }
     let letters = letters_of(axes);
     if let Some(at) = (0..shape.len()).find(|at| letters[*at].is_none() && shape[*at] != 1) {
@@ -132,6 +147,7 @@ mod tests {
             (json!([space("i"), space("j"), space("k")]), "zyx"),
             (json!([space("dim_0"), space("y"), space("x")]), "zyx"),
             (json!([space("lat"), space("lon")]), "yx"),
+            (json!([{ "name": "dim_0", "type": "array" }, { "name": "dim_1", "type": "array" }]), "yx"),
             (json!([{ "name": "T" }, { "name": "C" }, { "name": "Y" }, { "name": "X" }]), "tcyx"),
         ] {
             let count = list.as_array().unwrap().len();
@@ -143,6 +159,12 @@ mod tests {
         assert_eq!(letters(angle.clone(), &[4, 2, 3], Some("zyx")).as_deref(), Ok("zyx"));
         assert!(letters(angle, &[4, 2, 3], Some("yx")).unwrap_err().contains("the image has 3 axes"));
         assert!(letters(json!([space("z"), { "name": "c" }]), &[2, 2], None).unwrap_err().contains("no x or y"));
+        let strange = json!([{ "name": "y", "type": "invalid" }, space("x")]);
+        let message = letters(strange, &[1, 2], None).unwrap_err();
+        assert!(message.contains("axes y (of type \"invalid\"), x of [1, 2] have no x or y"), "{message}");
+        let twice = json!([space("x"), space("x")]);
+        assert!(letters(twice.clone(), &[2, 3], None).unwrap_err().contains("two axes have the name 'x'"));
+        assert_eq!(letters(twice, &[2, 3], Some("yx")).as_deref(), Ok("yx"));
     }
 
     #[test]
