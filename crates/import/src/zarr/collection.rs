@@ -10,6 +10,7 @@ use crate::cf::helpers_of;
 use crate::error::{ImportError, Result};
 use crate::file_order::in_natural_order;
 use crate::files::{listed, name_of};
+use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
 /// Most images, wells and nodes looked at.
@@ -25,6 +26,15 @@ pub(super) struct Collection {
     pub(super) damage: Option<ImportError>,
 }
 
+impl Collection {
+    /// Each path once: documents may list one twice.
+    fn once(mut paths: Vec<PathBuf>) -> Self {
+        let mut seen = HashSet::new();
+        paths.retain(|path| seen.insert(path.clone()));
+        Self { paths, damage: None }
+    }
+}
+
 /// Finds the images and arrays of a group.
 ///
 /// # Errors
@@ -37,14 +47,14 @@ pub(super) fn collect(group: &Group) -> Result<Collection> {
         return fields(group, &ome);
     }
     if has("well") {
-        return Ok(Collection { paths: images_of(&ome)?, damage: None });
+        return Ok(Collection::once(images_of(&ome)?));
     }
     if let Some(series) = series(group, &ome)? {
-        return Ok(Collection { paths: series, damage: None });
+        return Ok(Collection::once(series));
     }
     let labels = labels_in(&ome).unwrap_or_default();
     if !labels.is_empty() {
-        return Ok(Collection { paths: labels, damage: None });
+        return Ok(Collection::once(labels));
     }
     let mut walk = Walk { root: group.path(), found: Collection::default(), helpers: Vec::new(), seen: 0 };
     walk.helpers.extend(helpers_of(group.attributes()));
@@ -69,8 +79,8 @@ pub(super) fn labels_in(ome: &Ome<'_>) -> Result<Vec<PathBuf>> {
 
 /// Fields of all wells of a plate.
 fn fields(group: &Group, ome: &Ome<'_>) -> Result<Collection> {
-    let mut found = Collection::default();
-    let Some(plate) = ome.get("plate") else { return Ok(found) };
+    let mut found = Vec::new();
+    let Some(plate) = ome.get("plate") else { return Ok(Collection::default()) };
     let wells = plate.need("wells", "a list of wells")?;
     let items = wells.items("a list of wells")?;
     if items.len() > MOST_NODES {
@@ -81,12 +91,12 @@ fn fields(group: &Group, ome: &Ome<'_>) -> Result<Collection> {
         let well = inside(path.text("the path of a well")?).map_err(|expected| path.invalid(expected))?;
         // Wells may not have been written yet.
         let Some(Node::Group(node)) = open_node(&group.path().join(&well))? else { continue };
-        found.paths.extend(images_of(&Ome::of(&node))?.into_iter().map(|image| well.join(image)));
-        if found.paths.len() > MOST_NODES {
+        found.extend(images_of(&Ome::of(&node))?.into_iter().map(|image| well.join(image)));
+        if found.len() > MOST_NODES {
             return Err(wells.invalid(&format!("at most {MOST_NODES} images")));
         }
     }
-    Ok(found)
+    Ok(Collection::once(found))
 }
 
 /// Fields of a well.

@@ -375,7 +375,8 @@ fn fields_of_plates_and_series_are_chosen() {
         { "path": "A/1", "rowIndex": 0, "columnIndex": 0 }, { "path": "B/12", "rowIndex": 1, "columnIndex": 1 }
     ] } } }),
     );
-    well("A/1", &["0"]);
+    // A field that is listed twice is one.
+    well("A/1", &["0", "0"]);
     // A well that has not been written is passed over.
     let found = info(root);
     assert!(said(&found.notes).contains("A/1/0 is read, the only volume in "), "{}", said(&found.notes));
