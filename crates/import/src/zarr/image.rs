@@ -222,7 +222,7 @@ impl LevelArray {
         };
         let step_time = place(&placed, &mut info);
         if info.kind.are_labels() {
-            info.notes.extend(image_label::left_out(&ome, reading));
+            info.notes.extend(image_label::left_out(&ome, reading == Reading::Bricks));
         } else {
             info.channel_looks = omero::looks(&ome, info.channels, &mut info.notes);
         }

@@ -1,7 +1,6 @@
 //! The mark of label images, `image-label`: voxels are labels. Its colours and properties have no place in a source. Costs nothing.
 
 use super::field::Ome;
-use super::source::Reading;
 use crate::labels::SaidKind;
 use crate::note::Note;
 use brickyard_volume::{VoxelType, counted};
@@ -21,14 +20,13 @@ pub(super) fn kind_of(ome: &Ome<'_>, is_listed: bool, voxel_type: VoxelType) -> 
     if is_label && !voxel_type.is_float() { SaidKind::Labels(WORD) } else { SaidKind::Unsaid }
 }
 
-/// A note on what is left out of a label image. Read by bricks, its colours are shown.
-pub(super) fn left_out(ome: &Ome<'_>, reading: Reading) -> Option<Note> {
+/// A note on what is left out of a label image: its colours, unless `has_colors`, and properties.
+pub(super) fn left_out(ome: &Ome<'_>, has_colors: bool) -> Option<Note> {
     let said = ome.get(MARK)?;
     let count = |name: &str| said.get(name).and_then(|list| list.items("").ok()).map_or(0, |items| items.len() as u64);
-    let colors = if reading == Reading::Bricks { 0 } else { count("colors") };
-    let properties = count("properties");
+    let (colors, properties) = (count("colors"), count("properties"));
     let parts = [
-        (colors > 0).then(|| counted(colors, "colour")),
+        (colors > 0 && !has_colors).then(|| counted(colors, "colour")),
         (properties > 0).then(|| format!("the properties of {}", counted(properties, "label"))),
     ];
     let parts: Vec<String> = parts.into_iter().flatten().collect();

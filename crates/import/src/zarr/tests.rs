@@ -310,6 +310,11 @@ fn labels_are_labels_and_told_beside_their_image() {
         said(&info(&named(root, "nuclei")).notes)
             .contains("Left out of the labels' description: 1 colour, the properties of 2 labels.")
     );
+    // Drawn where it lies, it has its colours.
+    let drawn = open_image(&named(root, "nuclei")).unwrap();
+    let notes = said(&drawn.levels[0].source.info().notes);
+    assert!(notes.contains("Left out of the labels' description: the properties of 2 labels."), "{notes}");
+    assert_eq!(drawn.presentation.label_colors.len(), 1);
     let message = refusal(&named(root, "labels"));
     assert!(
         message.starts_with("options")
