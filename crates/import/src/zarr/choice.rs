@@ -3,14 +3,14 @@
 
 use super::array::Array;
 use super::collection::{Collection, collect, labels_in, labels_of, paths_in_words};
-use super::field::Ome;
+use super::field::{Field, Ome};
 use super::multiscales::Multiscale;
 use super::node::{Group, Node, open_node};
 use super::paths::{in_words, inside};
 use crate::array_choice::{Listed, ambiguous, no_such, none, several};
 use crate::error::{ImportError, Result};
 use crate::files::name_of;
-use crate::note::Note;
+use crate::note::{Note, Setting};
 use crate::variable::MARK;
 use std::path::{Path, PathBuf};
 
@@ -133,6 +133,7 @@ fn only(path: &Path, node: Node) -> Result<(Target, Vec<Note>)> {
                 in_words(first)
             )));
         }
+        notes.extend(in_scene(group.path())?);
         let is_listed = is_listed(group.path())?;
         return Ok((Target::Image(ImageTarget { group, multiscale, level: 0, is_listed }), notes));
     }
@@ -163,6 +164,27 @@ fn is_listed(folder: &Path) -> Result<bool> {
         }
     }
     Ok(false)
+}
+
+/// A warning of an image that a scene around it places.
+fn in_scene(folder: &Path) -> Result<Option<Note>> {
+    let folder = std::path::absolute(folder).map_err(ImportError::io(folder))?;
+    for around in folder.ancestors().skip(1).take(2) {
+        let Ok(Some(Node::Group(group))) = open_node(around) else { continue };
+        let ome = Ome::of(&group);
+        let Some(list) = ome.get("scene").and_then(|scene| scene.get("coordinateTransformations")) else { continue };
+        let is_it = |path: &str| inside(path).is_ok_and(|path| around.join(path) == folder);
+        let is_end = |item: &Field<'_>, end: &str| {
+            let path = item.get(end).and_then(|end| end.get("path"));
+            path.and_then(|path| path.as_text()).is_some_and(is_it)
+        };
+        let items = list.items("").unwrap_or_default();
+        if items.iter().any(|item| is_end(item, "input") || is_end(item, "output")) {
+            let note = format!("The image's place in the scene around it ({}) is not read.", list.at());
+            return Ok(Some(Note::warning(note).settled_by(Setting::Place)));
+        }
+    }
+    Ok(None)
 }
 
 /// The image of which an array is a level; `None` if it is of none.

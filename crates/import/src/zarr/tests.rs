@@ -413,6 +413,29 @@ fn fields_of_plates_and_series_are_chosen() {
     assert!(refusal(root).contains("series[0]: expected the path of a folder, found \".\""), "{}", refusal(root));
 }
 
+#[test]
+fn a_place_in_a_scene_is_told_as_not_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let root = folder.path();
+    for tile in ["a", "b"] {
+        group(&root.join(tile), json!({ "ome": image("zyx", Some("um"), &[vec![1.0; 3]], &[vec![0.0; 3]]) }));
+        array(&root.join(tile).join("0"), FLAT, "zyx", json!({}));
+    }
+    let shift = json!({ "type": "translation", "translation": [0, 0, 300], "input": { "name": "physical", "path": "a" }, "output": { "name": "world" } });
+    group(root, json!({ "ome": { "version": "0.6", "scene": { "coordinateTransformations": [shift] } } }));
+    assert!(refusal(root).contains("holds 2 datasets"));
+    for path in [named(root, "a"), root.join("a")] {
+        let notes = said(&info(&path).notes);
+        assert!(
+            notes.contains(
+                "The image's place in the scene around it (attributes.ome.scene.coordinateTransformations) is not read."
+            ),
+            "{notes}"
+        );
+    }
+    assert_eq!(said(&info(&root.join("b")).notes), "");
+}
+
 /// As xarray writes a file of NetCDF.
 #[test]
 fn arrays_with_coordinates_are_placed_by_them() {
