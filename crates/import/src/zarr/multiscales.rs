@@ -114,19 +114,31 @@ impl Multiscale {
         for item in transforms.into_iter().flatten() {
             let [input, output] = ["input", "output"].map(|end| end_of(&item, end));
             // Those to images of labels place these.
-            let (input, output) = match (input, output) {
-                (Some(input), Some(output)) if input.is_own() && output.is_own() => (input.name, output.name),
-                _ => continue,
+            if [&input, &output].into_iter().flatten().any(|end| !end.is_own()) {
+                continue;
+            }
+            let name = |end: Option<End>| end.and_then(|end| end.name);
+            let (other, is_inverse) = match (name(input), name(output)) {
+                (Some(input), Some(output)) if output == own => (input, true),
+                (Some(input), Some(output)) if input == own => (output, false),
+                _ => {
+                    notes.push(left_out(&item, &format!("not between {own} and another system")));
+                    continue;
+                }
             };
-            let (other, is_inverse) = if output == own { (input, true) } else { (output, false) };
-            let Some(other_axes) = named(&other).filter(|_| other != own) else { continue };
+            let Some(other_axes) = named(&other).filter(|_| other != own) else {
+                notes.push(left_out(&item, &format!("not between {own} and another system")));
+                continue;
+            };
             let other_axes = read_axes(other_axes)?;
             let inputs = if is_inverse { names_of(&other_axes) } else { names.clone() };
             match read(&item, &inputs)? {
                 Transform::Map(map) => {
                     let outputs = if is_inverse { names.len() } else { other_axes.len() };
+                    // A document may be valid by the schemas with such a one.
                     if map.outputs() != outputs {
-                        return Err(item.invalid("a transformation of as many coordinates as the systems have"));
+                        notes.push(left_out(&item, &format!("to {} coordinates, not {outputs}", map.outputs())));
+                        continue;
                     }
                     others.push(System { name: other, axes: other_axes, map, is_inverse });
                 }
@@ -160,7 +172,7 @@ fn left_out(field: &Field<'_>, kind: &str) -> Note {
 
 /// An end of a transformation.
 struct End {
-    name: String,
+    name: Option<String>,
     /// Path of another image.
     path: Option<String>,
 }
@@ -175,10 +187,10 @@ impl End {
 fn end_of(field: &Field<'_>, end: &str) -> Option<End> {
     let end = field.get(end)?;
     if let Some(name) = end.as_text() {
-        return Some(End { name: name.into(), path: None });
+        return Some(End { name: Some(name.into()), path: None });
     }
     let text = |name: &str| Some(end.get(name)?.as_text()?.to_owned());
-    Some(End { name: text("name")?, path: text("path") })
+    Some(End { name: text("name"), path: text("path") })
 }
 
 /// The system in which all levels lie, with the field that names it; `None` if no level tells.
@@ -187,13 +199,14 @@ fn system_of_levels<'a>(image: &Field<'a>) -> Result<Option<(String, Field<'a>)>
     for dataset in datasets_of(image)? {
         let Some(list) = dataset.get("coordinateTransformations") else { continue };
         let Some(last) = list.items("a list of transformations")?.pop() else { continue };
-        let (Some(end), Some(field)) = (end_of(&last, "output"), last.get("output")) else { continue };
+        let name = end_of(&last, "output").and_then(|end| end.name);
+        let (Some(own), Some(field)) = (name, last.get("output")) else { continue };
         match &found {
-            Some((name, _)) if *name != end.name => {
+            Some((name, _)) if *name != own => {
                 return Err(field.invalid(&format!("{name}, the system of the levels before")));
             }
             Some(_) => {}
-            None => found = Some((end.name, field)),
+            None => found = Some((own, field)),
         }
     }
     Ok(found)
@@ -356,6 +369,19 @@ mod tests {
             said(&found.unwrap().notes)
                 .contains("coordinateTransformations[0] (displacements in an array) is left out")
         );
+        for (key, value, expected) in [
+            ("input", json!({ "name": "other" }), "(not between intrinsic and another system) is left out"),
+            ("input", json!({ "name": "physical" }), "(not between intrinsic and another system) is left out"),
+            ("output", Value::Null, "(not between intrinsic and another system) is left out"),
+            ("output", json!({ "name": "intrinsic" }), "(not between intrinsic and another system) is left out"),
+        ] {
+            let found = changed(&|image| image["coordinateTransformations"][0][key] = value.clone()).unwrap();
+            assert!(said(&found.notes).contains(expected) && found.systems.is_empty(), "{}", said(&found.notes));
+        }
+        let found = changed(&|image| {
+            image["coordinateTransformations"][0] = json!({ "type": "affine", "affine": [[1, 0, 0]], "input": { "name": "intrinsic" }, "output": { "name": "physical" } });
+        });
+        assert!(said(&found.unwrap().notes).contains("(to 1 coordinates, not 2) is left out"));
         let found = changed(&|image| image["datasets"][0]["coordinateTransformations"][0]["type"] = json!("warp"));
         assert!(found.unwrap().levels[0].map.is_none());
         for (change, expected) in [
