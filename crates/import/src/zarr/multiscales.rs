@@ -72,7 +72,11 @@ impl Multiscale {
 
     /// Reads an image of 0.1 to 0.5, whose own transformations follow those of each level.
     fn with_axes(image: &Field<'_>, mut notes: Vec<Note>) -> Result<Self> {
-        let axes = image.get("axes").map_or_else(|| Ok(axes_of_old()), |list| read_axes(&list))?;
+        let axes = match image.get("axes") {
+            Some(list) => read_axes(&list)?,
+            None if tells_other_axes(image)? => read_axes(&image.need("axes", "a list of axes")?)?,
+            None => axes_of_old(),
+        };
         let names = names_of(&axes);
         let mut levels = read_levels(image, &names, &mut notes)?;
         if let Some(list) = image.get("coordinateTransformations") {
@@ -149,6 +153,33 @@ impl Multiscale {
     }
 }
 
+/// Whether a level has a scale of other axes than the five of 0.1 and 0.2, which do not tell them.
+fn tells_other_axes(image: &Field<'_>) -> Result<bool> {
+    for dataset in datasets_of(image)? {
+        let list = dataset.get("coordinateTransformations");
+        for item in list.and_then(|list| list.items("").ok()).unwrap_or_default() {
+            let numbers = item.get("scale").and_then(|scale| scale.items("").ok());
+            if numbers.is_some_and(|numbers| numbers.len() != axes_of_old().len()) {
+                return Ok(true);
+            }
+        }
+    }
+    Ok(false)
+}
+
+/// A warning of a level whose transformations lack a scale, or have several.
+fn odd_scales(list: &Field<'_>) -> Option<Note> {
+    let items = list.items("").ok()?;
+    let count =
+        |kind: &str| items.iter().filter(|item| item.get("type").and_then(|it| it.as_text()) == Some(kind)).count();
+    let problem = match count("scale") {
+        0 if count("translation") == items.len() => "no scale, which is taken as 1",
+        0 | 1 => return None,
+        _ => "several scales, which are multiplied",
+    };
+    Some(Note::warning(format!("{} has {problem}.", list.at())).settled_by(Setting::Spacing))
+}
+
 /// A warning of a version that is read as the nearest known one.
 fn unknown_version(version: &str) -> Option<Note> {
     let known = ["0.1", "0.2", "0.3", "0.4", "0.5", "0.6"];
@@ -223,9 +254,13 @@ fn datasets_of<'a>(image: &Field<'a>) -> Result<Vec<Field<'a>>> {
 
 fn read_levels(image: &Field<'_>, names: &[String], notes: &mut Vec<Note>) -> Result<Vec<Level>> {
     let mut levels = Vec::new();
+    let mut odd = None;
     for dataset in datasets_of(image)? {
         let path = dataset.need("path", "the path of an array")?;
-        let map = match dataset.get("coordinateTransformations") {
+        let list = dataset.get("coordinateTransformations");
+        let list = list.filter(|list| !list.items("").is_ok_and(|items| items.is_empty()));
+        odd = odd.or_else(|| odd_scales(list.as_ref()?));
+        let map = match list {
             None => None,
             Some(list) => match read_list(&list, names)? {
                 Transform::Map(map) if map.outputs() == names.len() => Some(map),
@@ -238,6 +273,7 @@ fn read_levels(image: &Field<'_>, names: &[String], notes: &mut Vec<Note>) -> Re
         };
         levels.push(Level { path: path.text("the path of an array")?.to_owned(), at: path.at().to_owned(), map });
     }
+    notes.extend(odd);
     Ok(levels)
 }
 
@@ -369,14 +405,16 @@ mod tests {
             said(&found.unwrap().notes)
                 .contains("coordinateTransformations[0] (displacements in an array) is left out")
         );
-        for (key, value, expected) in [
-            ("input", json!({ "name": "other" }), "(not between intrinsic and another system) is left out"),
-            ("input", json!({ "name": "physical" }), "(not between intrinsic and another system) is left out"),
-            ("output", Value::Null, "(not between intrinsic and another system) is left out"),
-            ("output", json!({ "name": "intrinsic" }), "(not between intrinsic and another system) is left out"),
+        for (end, value) in [
+            ("input", json!({ "name": "other" })),
+            ("input", json!({ "name": "physical" })),
+            ("output", Value::Null),
+            ("output", json!({ "name": "intrinsic" })),
         ] {
-            let found = changed(&|image| image["coordinateTransformations"][0][key] = value.clone()).unwrap();
-            assert!(said(&found.notes).contains(expected) && found.systems.is_empty(), "{}", said(&found.notes));
+            let found = changed(&|image| image["coordinateTransformations"][0][end] = value.clone()).unwrap();
+            let notes = said(&found.notes);
+            let is_told = notes.contains("(not between intrinsic and another system) is left out");
+            assert!(is_told && found.systems.is_empty(), "{notes}");
         }
         let found = changed(&|image| {
             image["coordinateTransformations"][0] = json!({ "type": "affine", "affine": [[1, 0, 0]], "input": { "name": "intrinsic" }, "output": { "name": "physical" } });
@@ -411,6 +449,22 @@ mod tests {
             let message = changed(change).unwrap_err();
             assert!(message.starts_with("zarr.json: ") && message.contains(expected), "{message}");
         }
+        // In 0.4 and 0.5.
+        let read_levels = |transforms: Value| {
+            let image =
+                json!({ "axes": ["y", "x"], "datasets": [{ "path": "0", "coordinateTransformations": transforms }] });
+            read(&json!({ "multiscales": [image] })).unwrap()
+        };
+        let scale = json!({ "type": "scale", "scale": [2, 3] });
+        let found = read_levels(json!([scale, scale]));
+        assert!(said(&found.notes).contains("coordinateTransformations has several scales, which are multiplied"));
+        assert_eq!(diagonal(&found.levels[0]).unwrap().0, [4.0, 9.0]);
+        let found = read_levels(json!([{ "type": "translation", "translation": [2, 3] }]));
+        assert!(said(&found.notes).contains("has no scale, which is taken as 1"));
+        assert!(read_levels(json!([])).levels[0].map.is_none());
+        let image = json!({ "datasets": [{ "path": "0", "coordinateTransformations": [scale] }] });
+        let message = read(&json!({ "multiscales": [image] })).unwrap_err();
+        assert!(message.contains("multiscales[0].axes: is missing, expected a list of axes"), "{message}");
         assert!(read(&json!({ "multiscales": [] })).unwrap_err().contains("multiscales: expected at least one image"));
         let several = json!({ "multiscales": [{ "datasets": [{ "path": "0" }] }, { "name": "b", "datasets": [{ "path": "1" }] }] });
         assert!(
