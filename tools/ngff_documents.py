@@ -410,7 +410,8 @@ def judged(source, name, claim, check):
         code, said = refusal.args
         error = next((line for line in said.splitlines() if line.startswith("error")), said)
         outcome = "choice" if re.search(r"holds \d+ datasets", error) else f"refused ({code})"
-        return Case(source, name, claim, outcome, error.replace(str(OUTPUT) + "/", "").replace(str(FOLDERS[source]) + "/", ""), said)
+        short = error.replace(f"{OUTPUT}/", "").replace(f"{FOLDERS.get(source)}/", "")
+        return Case(source, name, claim, outcome, short, said)
     except Wrong as wrong:
         return Case(source, name, claim, "WRONG", str(wrong))
 

@@ -208,7 +208,11 @@ def place_of(image, level, letters=None):
     systems = {}
     for name, (other, other_axes) in others.items():
         if found is not None and other.shape[0] == len(other_axes) + 1:
-            systems[name] = spatial(other @ found, letters, letters_of(other_axes))
+            outputs = letters_of(other_axes)
+            systems[name] = spatial(other @ found, letters, outputs)
+            # An axis that the system lacks stays as it is.
+            for row in (r for r, letter in enumerate(SPACE) if letter in letters and letter not in outputs):
+                systems[name][row] = matrix[row]
     time = None
     if found is not None and "t" in letters:
         at = letters.index("t")
