@@ -81,7 +81,7 @@ def main():
         case = documents.judged("bioio-ome-zarr", name, "", lambda: check(path, told))
         cases.append(case)
         if case.outcome != "read":
-            print(case)
+            print(case, flush=True)
     print(documents.report(cases))
     sys.exit(any(case.outcome == "WRONG" for case in cases))
 
