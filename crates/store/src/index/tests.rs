@@ -125,16 +125,17 @@ fn a_store_that_cannot_be_indexed_stays() {
     let stopped = index_own(&Disk::default(), &path, &|_, _| ControlFlow::Break(())).unwrap_err();
     assert!(matches!(stopped, RemakeError::Cancelled { .. }), "{stopped}");
     assert!(files(folder.path()).len() == before.len() && files(&path) == before);
-    // Another program writes meanwhile.
-    let shard = path.join("0/c/0/0/1/1");
+    // Another program writes meanwhile, where nothing is read.
+    let other = path.join("0/c/0/0/1/7");
     let write = |_, _| {
-        let bytes = std::fs::read(&shard).unwrap();
-        std::fs::write(&shard, bytes).unwrap();
+        std::fs::write(&other, "x").unwrap();
         ControlFlow::Continue(())
     };
     let stopped = index_own(&Disk::default(), &path, &write).unwrap_err().to_string();
     assert!(stopped.contains("wrote into level 0 meanwhile"), "{stopped}");
+    std::fs::remove_file(&other).unwrap();
     assert!(files(folder.path()).len() == before.len() && files(&path) == before);
+    let shard = path.join("0/c/0/0/1/1");
     // A damaged brick.
     let mut bytes = std::fs::read(&shard).unwrap();
     bytes[5] ^= 1;
