@@ -5,18 +5,14 @@ use crate::budget::{Needs, pool, shares};
 use crate::error::ExportError;
 use crate::job::Job;
 use brickyard_volume::labels::{BACKGROUND, LabelColor, LabelLook};
-use brickyard_volume::{VoxelBox, VoxelType};
+use brickyard_volume::{LabelBoxes, Voxel, VoxelBox, with_voxel_type};
 use rayon::prelude::*;
-use std::collections::BTreeMap;
 use std::fmt::Write;
 
 /// Most segments: Slicer has a row of its table for each.
 const MOST_SEGMENTS: usize = 1 << 16;
 /// Memory of a thread for boxes of the most labels.
 const THREAD_BYTES: u64 = 8 << 20;
-
-/// Boxes of voxels by label.
-type Boxes = BTreeMap<i64, VoxelBox>;
 
 /// A label as Slicer shows it.
 #[derive(Clone, Debug, PartialEq)]
@@ -36,28 +32,10 @@ pub(crate) struct Segment {
 /// If there are more than [`MOST_SEGMENTS`], one is beyond Slicer's numbers, the memory is too little, a block cannot be read, or the export is cancelled.
 pub(crate) fn survey(job: &Job, colors: &[LabelColor]) -> Result<Vec<Segment>, ExportError> {
     let info = job.source.info();
-    let shares = shares(job, Needs { thread_bytes: THREAD_BYTES, ..Needs::default() })?;
-    let bars = job.blocks.bars(info.extent.full_box(), shares.width);
-    let look = |(mut found, mut buffer): (Boxes, Vec<u8>), bar: VoxelBox| -> Result<(Boxes, Vec<u8>), ExportError> {
-        buffer.resize(job.bytes_of(bar), 0);
-        job.source.read_box(0, 0, bar, &mut buffer)?;
-        add_runs(&mut found, info.voxel_type, bar, &buffer);
-        check_count(job, &found)?;
-        // Nothing is written yet, but the export may be cancelled.
-        job.advance(0)?;
-        Ok((found, buffer))
-    };
-    let join = |mut all: Boxes, more: Boxes| {
-        more.into_iter().for_each(|(label, region)| add(&mut all, label, region));
-        check_count(job, &all).map(|()| all)
-    };
-    let boxes: Result<Boxes, ExportError> = pool(shares.threads)?.install(|| {
-        let parts = bars.par_bridge().try_fold(Default::default, look);
-        parts.map(|part| part.map(|(found, _)| found)).try_reduce(Boxes::new, join)
-    });
     let shown = LabelLook { shown: None, colors: Some(colors.to_vec()) };
     let is_label = |label: &i64| *label != BACKGROUND && info.nodata != Some(*label as f64);
-    let boxes = boxes?.into_iter().filter(|(label, _)| is_label(label));
+    let boxes = with_voxel_type!(info.voxel_type, T => label_boxes::<T>(job))?;
+    let boxes = boxes.0.into_iter().filter(|(label, _)| is_label(label));
     let segment = |(label, region): (i64, VoxelBox)| {
         if i32::try_from(label).is_err() {
             let problem =
@@ -70,8 +48,31 @@ pub(crate) fn survey(job: &Job, colors: &[LabelColor]) -> Result<Vec<Segment>, E
     boxes.map(segment).collect()
 }
 
-fn check_count(job: &Job, found: &Boxes) -> Result<(), ExportError> {
-    match found.len() <= MOST_SEGMENTS {
+/// The boxes of all labels of the first channel and step.
+fn label_boxes<T: Voxel>(job: &Job) -> Result<LabelBoxes, ExportError> {
+    let shares = shares(job, Needs { thread_bytes: THREAD_BYTES, ..Needs::default() })?;
+    let bars = job.blocks.bars(job.source.info().extent.full_box(), shares.width);
+    let look = |(mut found, mut voxels): (LabelBoxes, Vec<T>), bar: VoxelBox| -> Result<_, ExportError> {
+        voxels.resize(bar.extent().volume() as usize, T::zeroed());
+        job.source.read_box(0, 0, bar, bytemuck::cast_slice_mut(&mut voxels))?;
+        found.add_voxels(bar, &voxels, MOST_SEGMENTS);
+        check_count(job, &found)?;
+        // Nothing is written yet, but the export may be cancelled.
+        job.advance(0)?;
+        Ok((found, voxels))
+    };
+    let join = |mut all: LabelBoxes, more: LabelBoxes| {
+        all.join(more);
+        check_count(job, &all).map(|()| all)
+    };
+    pool(shares.threads)?.install(|| {
+        let parts = bars.par_bridge().try_fold(Default::default, look);
+        parts.map(|part| part.map(|(found, _)| found)).try_reduce(LabelBoxes::default, join)
+    })
+}
+
+fn check_count(job: &Job, found: &LabelBoxes) -> Result<(), ExportError> {
+    match found.0.len() <= MOST_SEGMENTS {
         true => Ok(()),
         false => {
             let problem =
@@ -79,35 +80,6 @@ fn check_count(job: &Job, found: &Boxes) -> Result<(), ExportError> {
             Err(ExportError::unfit(job.output, problem))
         }
     }
-}
-
-/// Adds a bar's runs of equal voxels, until there are more labels than segments.
-fn add_runs(found: &mut Boxes, voxel_type: VoxelType, bar: VoxelBox, voxels: &[u8]) {
-    let (voxel_bytes, width) = (voxel_type.bytes(), bar.extent().x);
-    let rows = (bar.min.z..bar.max.z).flat_map(|z| (bar.min.y..bar.max.y).map(move |y| (y, z)));
-    for ((y, z), row) in rows.zip(voxels.chunks_exact(width as usize * voxel_bytes)) {
-        if found.len() > MOST_SEGMENTS {
-            return;
-        }
-        let voxel = |x: u32| &row[x as usize * voxel_bytes..][..voxel_bytes];
-        let mut first = 0;
-        while first < width {
-            let end = (first + 1..width).find(|x| voxel(*x) != voxel(first)).unwrap_or(width);
-            let label = voxel_type.read(voxel(first), 0) as i64;
-            add(found, label, VoxelBox::new([bar.min.x + first, y, z], [bar.min.x + end, y + 1, z + 1]));
-            first = end;
-        }
-    }
-}
-
-fn add(boxes: &mut Boxes, label: i64, region: VoxelBox) {
-    let joined = boxes.entry(label).or_insert(region);
-    let corner = |of: fn(&VoxelBox) -> [u32; 3], pick: fn(u32, u32) -> u32| {
-        let (one, two) = (of(joined), of(&region));
-        [0, 1, 2].map(|axis| pick(one[axis], two[axis]))
-    };
-    let (min, max) = (corner(|of| of.min.to_array(), u32::min), corner(|of| of.max.to_array(), u32::max));
-    *joined = VoxelBox::new(min, max);
 }
 
 /// The lines of keys.
@@ -139,20 +111,6 @@ pub(crate) fn keys(segments: &[Segment]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn runs_of_voxels_have_boxes() {
-        let bar = VoxelBox::new([4, 2, 1], [7, 4, 2]);
-        let voxels: Vec<u8> = [5i16, 5, -3, 0, 5, 5].into_iter().flat_map(i16::to_le_bytes).collect();
-        let mut found = Boxes::from([(5, VoxelBox::new([9, 3, 0], [10, 4, 1]))]);
-        add_runs(&mut found, VoxelType::I16, bar, &voxels);
-        let expected = [
-            (-3, VoxelBox::new([6, 2, 1], [7, 3, 2])),
-            (0, VoxelBox::new([4, 3, 1], [5, 4, 2])),
-            (5, VoxelBox::new([4, 2, 0], [10, 4, 2])),
-        ];
-        assert_eq!(found, Boxes::from(expected));
-    }
 
     #[test]
     fn keys_are_those_of_slicer() {

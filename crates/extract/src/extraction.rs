@@ -204,7 +204,7 @@ impl<P: Fn(u64, u64) -> ControlFlow<()> + Sync> Sweep<'_, P> {
                     done += voxels * voxel_bytes;
                     self.report(done, total)
                 })?;
-                boxes.into_iter().map(|(label, region)| Target { label: Some(label), region }).collect()
+                boxes.0.into_iter().map(|(label, region)| Target { label: Some(label), region }).collect()
             }
         };
         let cells =

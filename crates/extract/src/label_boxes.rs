@@ -4,13 +4,9 @@ use crate::bricks::Bricks;
 use crate::error::MeshError;
 use crate::points::Points;
 use crate::request::MOST_LABELS;
-use brickyard_volume::labels::BACKGROUND;
-use brickyard_volume::{BrickId, Voxel, VoxelBox, with_voxel_type};
+use brickyard_volume::labels::{BACKGROUND, label_of};
+use brickyard_volume::{BrickId, LabelBoxes, Voxel, VoxelBox, with_voxel_type};
 use rayon::prelude::*;
-use std::collections::BTreeMap;
-
-/// Labels and their boxes.
-pub(crate) type LabelBoxes = BTreeMap<i64, VoxelBox>;
 
 /// Bricks between two reports of progress, for each thread.
 const BRICKS_AT_ONCE: usize = 16;
@@ -24,7 +20,7 @@ pub(crate) fn label_boxes(
     nodata: Option<f64>,
     mut progress: impl FnMut(u64) -> Result<(), MeshError>,
 ) -> Result<LabelBoxes, MeshError> {
-    let mut found = LabelBoxes::new();
+    let mut found = LabelBoxes::default();
     let mut ids = bricks.of_box(bricks.region());
     loop {
         let some: Vec<BrickId> = ids.by_ref().take(BRICKS_AT_ONCE * rayon::current_num_threads()).collect();
@@ -34,10 +30,8 @@ pub(crate) fn label_boxes(
         let boxes = some
             .par_iter()
             .map(|id| with_voxel_type!(bricks.store().voxel_type(), T => of_brick::<T>(bricks, *id, nodata)));
-        for boxes in boxes.collect::<Result<Vec<_>, _>>()? {
-            boxes.into_iter().for_each(|(label, region)| join(&mut found, label, region));
-        }
-        if found.len() > MOST_LABELS {
+        boxes.collect::<Result<Vec<_>, _>>()?.into_iter().for_each(|boxes| found.join(boxes));
+        if found.0.len() > MOST_LABELS {
             let problem =
                 format!("there are more than {MOST_LABELS} labels; take a box of them with `roi`, or one label");
             return Err(MeshError::Unfit(problem));
@@ -46,55 +40,26 @@ pub(crate) fn label_boxes(
     }
 }
 
-/// The label of a value; `None` for fractions and NaN among floats, which are none.
-pub(crate) fn label_of(value: f64) -> Option<i64> {
-    (value.fract() == 0.0).then_some(value as i64)
-}
-
 /// The part of a brick within the region.
 fn shared(bricks: &Bricks<'_>, id: BrickId) -> VoxelBox {
     bricks.store().pyramid().brick_box(id.level, id.index).intersect(bricks.region())
 }
 
-fn join(boxes: &mut LabelBoxes, label: i64, region: VoxelBox) {
-    boxes
-        .entry(label)
-        .and_modify(|joined| {
-            let (min, max) = (joined.min.to_array(), joined.max.to_array());
-            let min = std::array::from_fn(|a| min[a].min(region.min.to_array()[a]));
-            *joined = VoxelBox::new(min, std::array::from_fn(|a| max[a].max(region.max.to_array()[a])));
-        })
-        .or_insert(region);
-}
-
 fn of_brick<T: Voxel>(bricks: &Bricks<'_>, id: BrickId, nodata: Option<f64>) -> Result<LabelBoxes, MeshError> {
-    let (mut found, region) = (LabelBoxes::new(), shared(bricks, id));
+    let (mut found, region) = (LabelBoxes::default(), shared(bricks, id));
     match bricks.range(id)? {
         None => return Ok(found),
         Some((low, high)) if low == high && nodata.is_none() => {
-            found.extend(label_of(low).filter(|label| *label != BACKGROUND).map(|label| (label, region)));
-            return Ok(found);
+            label_of(low).into_iter().for_each(|label| found.add(label, region));
         }
-        Some(_) => {}
-    }
-    let [first, end] = [region.min, region.max].map(|corner| corner.to_array().map(i64::from));
-    let mut points = Points::<T>::new(first, end.map(|v| v - 1), region);
-    bricks.fill(&mut points)?;
-    for z in region.min.z..region.max.z {
-        for y in region.min.y..region.max.y {
-            let row = points.row((y - region.min.y) as usize, (z - region.min.z) as usize);
-            let row = &points.values[row..row + points.size[0]];
-            let mut x = region.min.x;
-            // Equal neighbours are one box.
-            for run in row.chunk_by(|a, b| a == b) {
-                let (value, end) = (run[0].to_f64(), x + run.len() as u32);
-                let label = label_of(value).filter(|label| *label != BACKGROUND && nodata != Some(value));
-                if let Some(label) = label {
-                    join(&mut found, label, VoxelBox::new([x, y, z], [end, y + 1, z + 1]));
-                }
-                x = end;
-            }
+        Some(_) => {
+            let [first, end] = [region.min, region.max].map(|corner| corner.to_array().map(i64::from));
+            let mut points = Points::<T>::new(first, end.map(|v| v - 1), region);
+            bricks.fill(&mut points)?;
+            // With the background, and no data.
+            found.add_voxels(region, &points.values, MOST_LABELS + 2);
         }
     }
+    found.0.retain(|label, _| *label != BACKGROUND && nodata != Some(*label as f64));
     Ok(found)
 }

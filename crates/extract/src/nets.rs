@@ -8,12 +8,12 @@
 //! corner of the other one turn aside over a vertex in the middle, and each edge has two triangles in every label's mesh.
 
 use crate::block_grid::Block;
-use crate::label_boxes::label_of;
 use crate::numbering::Class;
 use crate::patch::{Patch, PatchVertex};
 use crate::points::Points;
 use crate::world::World;
 use brickyard_volume::Voxel;
+use brickyard_volume::labels::label_of;
 use glam::DVec3;
 
 /// The border of one label.

@@ -10,6 +10,11 @@ use serde::{Deserialize, Serialize};
 /// The label of no particular thing: hidden unless requested.
 pub const BACKGROUND: i64 = 0;
 
+/// The label of a value; `None` for fractions, infinities and NaN among floats, which are none.
+pub fn label_of(value: f64) -> Option<i64> {
+    (value.fract() == 0.0).then_some(value as i64)
+}
+
 /// Number of hashed colours.
 pub const HASHED_COLORS: u32 = 1 << 15;
 

@@ -140,6 +140,16 @@ impl VoxelBox {
         let max = pick(self.max, other.max, u32::min);
         Self { min, max: pick(max, min, u32::max) }
     }
+
+    /// The smallest box around both.
+    pub fn hull(self, other: VoxelBox) -> VoxelBox {
+        let (min, max) =
+            ([self.min, other.min].map(VoxelIndex::to_array), [self.max, other.max].map(VoxelIndex::to_array));
+        VoxelBox::new(
+            std::array::from_fn(|a| min[0][a].min(min[1][a])),
+            std::array::from_fn(|a| max[0][a].max(max[1][a])),
+        )
+    }
 }
 
 /// The key of one brick. The derived order (time, channel, level, z, y, x) breaks every tie in the pager.
