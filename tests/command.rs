@@ -191,10 +191,8 @@ fn damage_is_summed_up_in_a_line() {
     assert_eq!(code, 5, "{stderr}");
     let count = stdout.lines().count();
     assert!(count > 100 && stdout.lines().all(|line| line.contains("level 0 brick")), "{stdout}");
-    assert_eq!(
-        stderr,
-        format!("error: a.zarr: {count} of 288 bricks are damaged, in level 0, time step 0, channel 0\n")
-    );
+    let found = format!("error: a.zarr: {count} of 288 bricks are damaged, in level 0, time step 0, channel 0");
+    assert_eq!(stderr, found + "; `verify --repair INPUT` makes damaged files again\n");
     let (code, _, stderr) = sandbox.run("probe a.zarr 1,1,1");
     assert!(code == 3 && stderr.matches("level 0 brick").count() == 1, "exit {code}: {stderr}");
     let (code, _, stderr) = sandbox.run(&format!("render a.zarr -o a.png {VIEW}"));

@@ -149,7 +149,8 @@ pub(crate) fn tell(
         }
     }
     if !report.problems.is_empty() {
-        let problem = format!("{}: {}", store.display(), summary(report));
+        let cure = if repaired.is_none() { "; `verify --repair INPUT` makes damaged files again" } else { "" };
+        let problem = format!("{}: {}{cure}", store.display(), summary(report));
         return Err(Failure::new(ExitKind::VerificationFailed, problem));
     }
     if !json {

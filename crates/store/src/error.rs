@@ -142,7 +142,7 @@ impl OpenError {
 #[derive(Debug, thiserror::Error)]
 pub enum ReadError {
     /// A shard file of the packed store is missing.
-    #[error("{path}: missing shard; restore the file, or pack the store again")]
+    #[error("{path}: missing shard; restore the file, or make it again by a repair from the input")]
     MissingShard {
         /// The path of the missing shard.
         path: PathBuf,
@@ -150,7 +150,7 @@ pub enum ReadError {
     /// The shard file differs from the packed one.
     #[error(
         "{path}: {what}: expected {expected}, found {found} (rewritten or truncated by another program); restore the \
-         file, pack the store again, or make its index again (`brickyard index`) if the new voxels are meant"
+         file, make it again by a repair from the input, or index the store (`brickyard index`) if the new voxels are meant"
     )]
     Rewritten {
         /// The shard's file.
