@@ -144,9 +144,6 @@ impl StoreSettings {
                            with labels, or --kind image";
             return Err(Failure::usage(problem));
         }
-        if kind == Kind::Labels && voxel_type.is_float() {
-            say!("note: labels are whole numbers: other values are shown as the nearest label");
-        }
         let defaults = PackOptions::new(voxel_type);
         Ok(PackOptions {
             edge: self.brick.unwrap_or(defaults.edge),

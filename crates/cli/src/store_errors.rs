@@ -162,6 +162,7 @@ fn remake_failure(error: &RemakeError) -> Failure {
         RemakeError::Pack(error) => pack_kind(error),
         RemakeError::Unfinished { .. } => ExitKind::Incomplete,
         RemakeError::Altered { .. } | RemakeError::Levels { .. } => ExitKind::VerificationFailed,
+        RemakeError::Fraction { .. } => ExitKind::BadInput,
         // Only Ctrl-C cancels.
         RemakeError::Cancelled { .. } => ExitKind::Interrupted,
         RemakeError::Unchanged { .. } | RemakeError::Unsynced { .. } => ExitKind::Failed,

@@ -405,6 +405,7 @@ impl Appender {
                 AppendError::Incomplete { path, error, store, times }
             }
             Failed::Stop(Stop::Source(error)) => AppendError::Source { error, store, times },
+            Failed::Stop(Stop::Fraction(fraction)) => PackError::from(fraction).into(),
             Failed::Stop(Stop::Panic(words)) => AppendError::Panic { words, store, times },
             Failed::Stop(Stop::Cancelled) => AppendError::Cancelled { store, times },
             Failed::Stop(Stop::ReadBack(error)) => AppendError::Read(error),

@@ -212,7 +212,7 @@ pub enum PackError {
     Options(String),
     /// The allowed memory is below the pack's minimum.
     #[error(
-        "`memory` {given} MiB is too little: this pack needs at least {needed} MiB; allow more{advice}",
+        "`memory` {given} MiB is too little: this needs at least {needed} MiB; allow more{advice}",
         given = given_bytes >> 20, needed = needed_bytes.div_ceil(1 << 20)
     )]
     Memory {
@@ -500,7 +500,11 @@ pub(crate) fn pack_on(
         Ok(passed) => passed,
         Err((stop, reached)) => {
             let error = stopped(stop, &reached, &output.dir, shards);
-            if matches!(error, PackError::Source { done: 0, .. } | PackError::Cancelled { done: 0, .. }) {
+            let is_hopeless = matches!(
+                error,
+                PackError::Source { done: 0, .. } | PackError::Cancelled { done: 0, .. } | PackError::Unfit { .. }
+            );
+            if is_hopeless {
                 // Nothing is worth resuming. A failed deletion leaves an unfinished pack, as other failures do.
                 let _ = output.abandon(disk);
             }
@@ -641,6 +645,7 @@ fn stopped(stop: Stop, reached: &Reached, store: &Path, total: u64) -> PackError
         Stop::Threads(problem) => PackError::Threads(problem),
         Stop::Cancelled => PackError::Cancelled { store, done, total },
         Stop::Source(error) => PackError::Source { error, store, done, total },
+        Stop::Fraction(fraction) => fraction.into(),
         Stop::ReadBack(error) => PackError::ReadBack { error, store },
         Stop::Panic(words) => PackError::Panic { words, store, done, total },
         Stop::Disk(disk::DiskError { path, error }) => {

@@ -69,6 +69,14 @@ pub enum RemakeError {
         /// The reason.
         problem: String,
     },
+    /// A voxel is between two labels. The store is as before.
+    #[error("{store}: the voxel {voxel}, and labels are whole numbers; the store is unchanged")]
+    Fraction {
+        /// The store.
+        store: PathBuf,
+        /// The voxel's place and value.
+        voxel: String,
+    },
     /// [`Progress::is_cancelled`](crate::Progress::is_cancelled) stopped the work. The store is as before.
     #[error("{store}: stopped; the store is unchanged")]
     Cancelled {
@@ -242,6 +250,7 @@ impl<'a> Remake<'a> {
             Stop::Disk(error) => unchanged(error),
             Stop::Cancelled => RemakeError::Cancelled { store: dir.into() },
             Stop::Source(error) => RemakeError::Levels { store: dir.into(), problem: error.to_string() },
+            Stop::Fraction(fraction) => RemakeError::Fraction { store: dir.into(), voxel: fraction.to_string() },
             Stop::ReadBack(error) => barred(error),
             Stop::Threads(problem) => PackError::Threads(problem).into(),
             Stop::Panic(words) => {

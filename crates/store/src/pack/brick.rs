@@ -9,6 +9,7 @@ use crate::nodata;
 use crate::pack::parts::Parts;
 use crate::stats::{Counter, Measure, Range, Tally};
 use brickyard_import::Lent;
+use brickyard_volume::labels::label_of;
 
 /// Bricks read together, at least 1: rows of 1 KiB, and at most 4 MiB of cores, which fit a last-level cache.
 pub(crate) const fn run_length(edge: usize, voxel_bytes: usize) -> usize {
@@ -144,6 +145,17 @@ impl<T: Measure> Workspace<T> {
         let parts = Parts::uniform(Range { low: value, high: value });
         let tally = Tally { sum: value.to_f64() * voxels as f64, ..Tally::default() };
         Summary { parts, tally, is_fill }
+    }
+
+    /// The first voxel of the digested core `i` between two labels, with its place; NaN and infinities have no data.
+    pub(crate) fn fraction(&self, i: usize) -> Option<([u32; 3], f64)> {
+        if !T::TYPE.is_float() {
+            return None;
+        }
+        // The padding repeats voxels before it.
+        let values = self.core(i).iter().map(|voxel| voxel.to_f64());
+        let (at, value) = values.enumerate().find(|(_, value)| value.is_finite() && label_of(*value).is_none())?;
+        Some(([at % self.edge, at / self.edge % self.edge, at / self.edge.pow(2)].map(|n| n as u32), value))
     }
 
     /// Reduces the digested core `i` to its part of the next level, by `factor` voxels.

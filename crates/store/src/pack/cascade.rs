@@ -16,6 +16,7 @@
 
 use crate::codec::BrickCodec;
 use crate::error::ReadError;
+use crate::kind::Kind;
 use crate::layout::ShardId;
 use crate::mutex::lock;
 use crate::pack::brick::{Summary, Workspace, run_length};
@@ -34,6 +35,7 @@ use crate::stats::{ChannelTotals, Measure, Range, Tally};
 use brickyard_import::{Access, ImportError, Source};
 use brickyard_volume::{BrickId, BrickIndex, Level, LevelGrid, VoxelBox};
 use std::collections::HashMap;
+use std::fmt;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -52,10 +54,36 @@ pub(crate) enum Stop {
     /// The pass cannot read back its own output.
     ReadBack(ReadError),
     Threads(String),
+    /// A voxel of labels is between two of them.
+    Fraction(Fraction),
     /// The observer of the pack cancelled it.
     Cancelled,
     /// A thread panicked with this message.
     Panic(String),
+}
+
+/// A voxel that is no label.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Fraction {
+    pub(crate) time: u32,
+    pub(crate) channel: u32,
+    /// Its place in level 0, `[x, y, z]`.
+    pub(crate) place: [u32; 3],
+    pub(crate) value: f64,
+}
+
+impl fmt::Display for Fraction {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { time, channel, place: [x, y, z], value } = self;
+        write!(f, "at {x},{y},{z} (x, y, z) of time step {time}, channel {channel} is {value}")
+    }
+}
+
+impl From<Fraction> for PackError {
+    fn from(fraction: Fraction) -> Self {
+        let (found, expected) = (fraction.to_string(), "whole numbers".into());
+        Self::Unfit { what: "label", found, expected, cure: "pack it as an image, with `kind` image" }
+    }
 }
 
 impl Stop {
@@ -108,6 +136,8 @@ struct Packed<T> {
     id: BrickId,
     summary: Summary<T>,
     voxels: u64,
+    /// Its first voxel that is no label, if all should be.
+    fraction: Option<Fraction>,
     /// The hash of the decoded core; `None` if it is all fill.
     hash: Option<u128>,
     /// `None` if it is all fill, or its shard already exists.
@@ -283,6 +313,11 @@ impl<T: Measure> Shared<'_, T> {
         let mut pages = Vec::new();
         while let Some(brick) = self.sequence.take() {
             let s = brick.stage;
+            // The first in this order, whatever the threads'.
+            if let Some(fraction) = brick.fraction {
+                self.fail(Stop::Fraction(fraction));
+                break;
+            }
             brick_pages.add(s, brick.id, &brick.summary.parts, brick.hash, &mut pages);
             let done_before = |shard| self.earlier[s].get(&shard).copied();
             let encoded = brick.encoded.as_deref().zip(brick.hash).map(|(bytes, hash)| Encoded { bytes, hash });
@@ -543,6 +578,12 @@ impl<'a, T: Measure> Volume<'a, T> {
             Some(value) => workspace.digest_constant(i, shape(core), value),
             None => workspace.digest(i, shape(core), s == 0),
         };
+        let found = (s == 0 && shared.pass.options.kind == Kind::Labels).then(|| workspace.fraction(i)).flatten();
+        let fraction = found.map(|(at, value)| {
+            let first = core.min.to_array();
+            let place = std::array::from_fn(|a| first[a] + at[a]);
+            Fraction { time: self.time, channel: self.channel, place, value }
+        });
         for (coarser, method) in self.plan().coarser(s) {
             let factor = ratio(stage.grid(), self.plan().stages[coarser].grid());
             let region = coarse_box(core, factor);
@@ -562,7 +603,7 @@ impl<'a, T: Measure> Volume<'a, T> {
             encoded
         });
         let voxels = core.extent().volume();
-        shared.sequence.put(number, Packed { stage: s, id, summary, voxels, hash, encoded })
+        shared.sequence.put(number, Packed { stage: s, id, summary, voxels, fraction, hash, encoded })
     }
 
     /// Copies the cores of a run if they are in memory.

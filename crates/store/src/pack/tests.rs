@@ -1,6 +1,7 @@
 //! Whole packs of small volumes, against plain loops and against each other.
 
 mod cancel;
+mod fractions;
 mod image_labels;
 mod limits;
 mod output;
