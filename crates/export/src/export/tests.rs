@@ -310,6 +310,36 @@ fn refusals_leave_nothing_behind() {
     }
 }
 
+/// Names too long for the system are refused before a voxel is read, whichever file's they are; others are written, and replaced.
+#[test]
+fn too_long_names_are_refused_before_the_work() {
+    let test = TestStore::of(info());
+    for name in NAMES {
+        let (stem, end) = name.split_at(1);
+        for stem in (236..=256).map(|length| stem.repeat(length)) {
+            let out = tempfile::tempdir().unwrap();
+            let output = out.path().join(stem + end);
+            for overwrite in [false, true] {
+                let is_begun = AtomicBool::new(false);
+                let begin = |_, _| {
+                    is_begun.store(true, Ordering::Relaxed);
+                    ControlFlow::Continue(())
+                };
+                let before = files(out.path());
+                let request = ExportRequest { overwrite, ..ExportRequest::default() };
+                if overwrite && name == "a/" {
+                    continue;
+                }
+                if let Err(error) = export(&test.store, &output, &request, begin) {
+                    let told = error.to_string();
+                    assert!(told.contains("too long") && !is_begun.load(Ordering::Relaxed), "{overwrite}: {told}");
+                    assert!(files(out.path()) == before);
+                }
+            }
+        }
+    }
+}
+
 #[test]
 fn what_a_format_cannot_hold_is_refused_with_formats_that_can() {
     let of = |voxel_type, channels, times| TestStore::of(SourceInfo { voxel_type, channels, times, ..info() });
