@@ -3,8 +3,9 @@
 
 use super::interrupt::Interrupt;
 use super::progress::{Progress, ProgressStyleArgument};
+use super::say::say;
 use super::{Failure, heading, print_json, print_line, store_errors, values};
-use brickyard::store::{self, ShardChanges};
+use brickyard::store::{self, Changes};
 use brickyard::volume::counted;
 use clap::Args;
 use serde_json::json;
@@ -36,19 +37,18 @@ pub(crate) fn run(arguments: &IndexArguments) -> Result<(), Failure> {
     progress.finish();
     let report = report.map_err(store_errors::index_failure)?;
     if arguments.json {
-        let of_shards =
-            |ShardChanges { changed, added, gone }| json!({ "changed": changed, "added": added, "gone": gone });
-        let shards = report.shards.map(of_shards);
-        return print_json(&json!({ "bricks": report.bricks, "bytes": report.cache_bytes, "shards": shards }));
+        let of_store = |Changes { bricks, lost_shards }| json!({ "bricks": bricks, "lost_shards": lost_shards });
+        let changed = report.changes.map(of_store);
+        return print_json(&json!({ "bricks": report.bricks, "bytes": report.cache_bytes, "changed": changed }));
     }
     let bricks = counted(report.bricks, "brick");
-    let words = match report.shards {
+    let words = match report.changes {
         None => format!("{bricks} indexed, {} in the cache", values::human_bytes(report.cache_bytes)),
-        Some(ShardChanges { changed, added, gone }) => {
-            format!(
-                "{bricks} indexed; of the finest level's shards {changed} changed, {added} new, {gone} gone (now zero)"
-            )
-        }
+        Some(changes) => format!("{bricks} indexed, {} of the finest level changed", counted(changes.bricks, "brick")),
     };
+    if let Some(lost @ 1..) = report.changes.map(|changes| changes.lost_shards) {
+        let lost = counted(lost, "shard");
+        say!("warning: {}: {lost} of the finest level had no file any more: zeros now", arguments.store.display());
+    }
     print_line(&format!("{}: {words}", arguments.store.display()))
 }

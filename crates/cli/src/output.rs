@@ -137,14 +137,20 @@ pub(crate) fn note_window(store: Option<&Arc<Store>>, channel: u32) {
     let Some(of_channel) = store.info().channels.get(channel as usize) else { return };
     let (low, high) = store.default_window(channel);
     let path = store.path().display();
-    if of_channel.count == 0 {
+    let (of_all, cure) = match store.has_exact_statistics() {
+        true => ("", ""),
+        false => (" in a sample", "; `index` looks at all of them, --window sets another"),
+    };
+    if of_channel.count == 0 && of_all.is_empty() {
         say!("note: {path}: no voxel of channel {channel} has a value: there is nothing to show");
     } else if low >= high {
         let (from, to) = shown_window((low, high));
         let [low, from, to] = [low, from, to].map(|value| significant(value, 7));
         let unit = store.channel_displays()[channel as usize].unit.as_deref();
         let (low, to) = (with_unit(&low, unit), with_unit(&to, unit));
-        say!("note: {path}: every value of channel {channel} is {low}: its window is set from {from} to {to}");
+        say!(
+            "note: {path}: every value{of_all} of channel {channel} is {low}: its window is set from {from} to {to}{cure}"
+        );
     }
 }
 

@@ -165,7 +165,7 @@ fn remake_failure(error: &RemakeError) -> Failure {
         RemakeError::Fraction { .. } => ExitKind::BadInput,
         // Only Ctrl-C cancels.
         RemakeError::Cancelled { .. } => ExitKind::Interrupted,
-        RemakeError::Unchanged { .. } | RemakeError::Unsynced { .. } => ExitKind::Failed,
+        RemakeError::Written { .. } | RemakeError::Unchanged { .. } | RemakeError::Unsynced { .. } => ExitKind::Failed,
     };
     Failure::new(kind, error)
 }

@@ -30,7 +30,7 @@ use brickyard_volume::{
     VoxelType, with_voxel_type,
 };
 use cache::Cache;
-pub(crate) use fingerprint::of as state_of_files;
+pub(crate) use fingerprint::of_all as state_of_files;
 pub use index::ImageIndexError;
 use index::Index;
 pub(crate) use index::index;

@@ -10,27 +10,30 @@ mod tests;
 use crate::append::{AppendOptions, FOREIGN_STEPS, foreign_steps, update_root};
 use crate::counts::Counts;
 use crate::error::OpenError;
+use crate::folder::Folder;
 use crate::foreign::{self, ImageIndexError};
 use crate::held::find_finished;
+use crate::json::read_json;
 use crate::layout::{Layout, ShardId};
-use crate::metadata::{ChannelStatistics, StoreInfo, root_document};
+use crate::metadata::{ChannelStatistics, StoreInfo, root_document, voxel_documents};
 use crate::ngff::Root;
-use crate::pack::Progress;
 use crate::pack::disk::Disk;
 use crate::pack::journal::on_disk;
+use crate::pack::{PackError, Progress};
 use crate::remake::{Documents, Kept, Remake, RemakeError, Work};
 use crate::shard::Fingerprint;
+use crate::side::SideArray;
 use crate::stats::ChannelTotals;
 use crate::store::Store;
-use crate::verify::documents::root_change;
-use brickyard_import::zarr::open_image;
+use crate::verify::documents::{array_change, root_change};
+use brickyard_import::zarr::{open_image, zarr_folder};
 use brickyard_import::{Described, Source, SourceInfo};
 use brickyard_volume::Level;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::time::SystemTime;
+use xxhash_rust::xxh3::xxh3_64;
 
 /// Why there is no index.
 #[derive(Debug, thiserror::Error)]
@@ -50,19 +53,17 @@ pub struct IndexReport {
     pub bricks: u64,
     /// Bytes of the index in the cache; 0 of a store of brickyard's.
     pub cache_bytes: u64,
-    /// Shards of level 0 unlike their records; `None` of another program's image.
-    pub shards: Option<ShardChanges>,
+    /// Changes of level 0 since it was packed or indexed; `None` of another program's image.
+    pub changes: Option<Changes>,
 }
 
-/// Shards of level 0 beside their records.
+/// Changes of a store's level 0 since its records were made.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct ShardChanges {
-    /// Shards in another file than was packed.
-    pub changed: u64,
-    /// Shards with a file where none was packed.
-    pub added: u64,
-    /// Shards without their file, which are now all fill.
-    pub gone: u64,
+pub struct Changes {
+    /// Bricks with other voxels, or without a readable record.
+    pub bricks: u64,
+    /// Shards without their file, whose bricks are now all fill.
+    pub lost_shards: u64,
 }
 
 /// Makes the index of another program's image, or makes that of a store of brickyard's again, within 2 GiB of memory, by all processors. `progress` is called with the
@@ -71,11 +72,22 @@ pub struct ShardChanges {
 /// # Errors
 /// If there is no such image, it is in use by another writer, it has too many bricks, one cannot be read, nothing can be kept, or `progress` breaks.
 pub fn index(path: &Path, progress: impl Fn(u64, u64) -> ControlFlow<()> + Sync) -> Result<IndexReport, IndexError> {
+    if let Some(store) = own_around(path) {
+        let what = format!("is a part of a store of brickyard's: index that, {}", store.display());
+        return Err(RemakeError::Open(OpenError::Unfit { path: path.into(), what }).into());
+    }
     if foreign::is_foreign(path) {
         let (bricks, cache_bytes) = foreign::index(path, progress)?;
-        return Ok(IndexReport { bricks, cache_bytes, shards: None });
+        return Ok(IndexReport { bricks, cache_bytes, changes: None });
     }
     Ok(index_own(&Disk::default(), path, &progress)?)
+}
+
+/// The store of brickyard's in whose folder a place `FOLDER::PATH` lies.
+fn own_around(path: &Path) -> Option<PathBuf> {
+    let folder = zarr_folder(path).filter(|folder| folder != path)?;
+    let root = read_json(&Folder::open(&folder).ok()?, &folder.join("zarr.json")).ok()?;
+    (!root["attributes"]["brickyard"].is_null()).then_some(folder)
 }
 
 /// Makes the index of a store of brickyard's again.
@@ -85,8 +97,6 @@ pub(crate) fn index_own(
     progress: &(dyn Fn(u64, u64) -> ControlFlow<()> + Sync),
 ) -> Result<IndexReport, RemakeError> {
     let dir = find_finished(disk, path)?;
-    let (shards, begun) = (dir.join("0/c"), SystemTime::now());
-    let state = foreign::state_of_files(&shards, begun);
     let store = Store::open_own(&dir)?;
     let mut root = checked_root(&store)?;
     let voxels = level_0(&store)?;
@@ -94,24 +104,27 @@ pub(crate) fn index_own(
     let methods = (store.info().downsample, store.info().kind);
     let remake = Remake::new(&store, &voxels, "index", methods, Work { memory_bytes, threads, progress: &() })?;
     let bricks = remake.brick_count();
-    let (kept, changes) = survey(&store);
+    let (kept, lost_shards) = survey(&store);
+    let mut changes = Changes { bricks: 0, lost_shards };
     let watch = Watch { progress, bricks, done: AtomicU64::new(0) };
     remake.run(disk, &watch, &Kept::Shards(kept), |new, totals| {
-        if state.is_some() && foreign::state_of_files(&shards, begun) != state {
-            let problem = "another program wrote into level 0 meanwhile".into();
-            return Err(RemakeError::Levels { store: dir.clone(), problem });
-        }
         if let Some(times) = store.info().times {
             let counts = Counts::in_folder(store.layout(), new);
-            counts.write(disk, times, totals).map_err(crate::pack::PackError::from)?;
+            counts.write(disk, times, totals).map_err(PackError::from)?;
         }
-        let info = StoreInfo { channels: statistics(store.info(), totals), ..store.info().clone() };
+        changes.bricks = changed_bricks(&store, new)?;
+        let mut info = StoreInfo { channels: statistics(store.info(), totals), ..store.info().clone() };
+        if changes.bricks > 0 {
+            // It no longer is what a pack with these settings makes.
+            let former = format!("{} indexed", info.settings_fingerprint);
+            info.settings_fingerprint = format!("{:016x}", xxh3_64(former.as_bytes()));
+        }
         let written = |info: &StoreInfo| root_document(store.layout(), store.geometry(), info);
         update_root(&written(store.info()), &written(&info), &mut root.document);
         let root = root.bytes(&dir.join("zarr.json"))?;
         Ok(Documents { info, root })
     })?;
-    Ok(IndexReport { bricks, cache_bytes: 0, shards: Some(changes) })
+    Ok(IndexReport { bricks, cache_bytes: 0, changes: Some(changes) })
 }
 
 /// The store's root document, if it is as written.
@@ -120,6 +133,13 @@ fn checked_root(store: &Store) -> Result<Root, RemakeError> {
     let root = Root::read(store.folder(), &path)?;
     if let Some(change) = root_change(store, root.clone()) {
         return Err(RemakeError::Altered { path, change });
+    }
+    // The array's own document stays, with what other programs added to it.
+    for (path, expected) in voxel_documents(store.path(), store.layout(), Level(0), store.info()) {
+        let found = read_json(store.folder(), &path)?;
+        if let Some(change) = array_change(&expected, found, store.info().times) {
+            return Err(RemakeError::Altered { path, change });
+        }
     }
     match foreign_steps(store)? {
         Some((path, found)) => {
@@ -139,30 +159,46 @@ fn level_0(store: &Store) -> Result<Described<Arc<dyn Source>>, OpenError> {
         times: store.times(),
         channels: store.channels(),
         geometry: store.geometry().clone(),
-        nodata: store.info().nodata.map(|nodata| nodata as f64),
+        nodata: store.info().nodata.map(|nodata| nodata as f64).or(store.info().blanked),
         ..SourceInfo::of_volume(store.pyramid().levels()[0].extent, store.voxel_type())
     };
     Ok(Described { info, source, first: 0 })
 }
 
-/// The shards of level 0 that stay, with their fingerprints, and the changes of the others.
-fn survey(store: &Store) -> (Vec<(ShardId, Fingerprint)>, ShardChanges) {
-    let (chunks, mut kept, mut changes) = (store.cores(), Vec::new(), ShardChanges::default());
+/// The shards of level 0 that stay, with their fingerprints, and the number of those whose file is lost.
+fn survey(store: &Store) -> (Vec<(ShardId, Fingerprint)>, u64) {
+    let (chunks, mut kept, mut lost) = (store.cores(), Vec::new(), 0);
     for shard in store.layout().shards(Level(0)) {
         let recorded = chunks.fingerprint(shard).ok().filter(|recorded| recorded.has_file());
         match (recorded, on_disk(&chunks.path(shard))) {
-            (Some(recorded), Some(found)) if recorded == found => {
-                if !is_padded(store.layout(), shard) {
-                    kept.push((shard, found));
-                }
+            // Steps of one shard share equal bricks, as packing finds them.
+            (Some(recorded), Some(found))
+                if recorded == found && !is_padded(store.layout(), shard) && store.layout().shard_times == 1 =>
+            {
+                kept.push((shard, found));
             }
-            (Some(_), Some(_)) => changes.changed += 1,
-            (None, Some(_)) => changes.added += 1,
-            (Some(_), None) => changes.gone += 1,
-            (None, None) => {}
+            (Some(_), None) => lost += 1,
+            _ => {}
         }
     }
-    (kept, changes)
+    (kept, lost)
+}
+
+/// Bricks of level 0 whose hash is another one in the store made in the folder `new`.
+fn changed_bricks(store: &Store, new: &Path) -> Result<u64, RemakeError> {
+    let io = |error| PackError::Io { path: new.into(), error };
+    let (layout, new_folder) = (store.layout(), Folder::open(new).map_err(io)?);
+    let [former, made] = [store.path(), new].map(|path| SideArray::hashes(path, layout, Level(0)));
+    let mut changed = 0;
+    for page in (0..made.page_count()).map(|i| made.page_at(Level(0), i)) {
+        let found =
+            made.read_page(&new_folder, page).map_err(|error| PackError::ReadBack { error, store: new.into() })?;
+        let recorded = former.read_page(store.folder(), page).unwrap_or_default();
+        let hashes = found.chunks(size_of::<u128>()).enumerate();
+        let is_same = |(i, hash): (usize, &[u8])| recorded.get(i * hash.len()..(i + 1) * hash.len()) == Some(hash);
+        changed += hashes.filter(|hash| !is_same(*hash)).count() as u64;
+    }
+    Ok(changed)
 }
 
 /// Whether a shard has a brick that reaches past the volume.

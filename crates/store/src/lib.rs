@@ -54,7 +54,7 @@ pub use downsample::{Downsample, Reductions};
 pub use edit::{ChannelEdit, Edit, EditChange, EditError, EditReport, edit, edit_within, rehearse_edit};
 pub use error::{CodecError, InsideStore, OpenError, ReadError, ShardError};
 pub use foreign::{ImageIndexError, Making, is_foreign};
-pub use index::{IndexError, IndexReport, ShardChanges, index};
+pub use index::{Changes, IndexError, IndexReport, index};
 pub use inside::check_outside;
 pub use layout::{Layout, ShardId};
 pub use level_bricks::LevelBricks;

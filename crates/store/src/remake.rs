@@ -6,6 +6,7 @@
 
 use crate::downsample::Reductions;
 use crate::error::{OpenError, ReadError};
+use crate::foreign::state_of_files;
 use crate::held::HoldError;
 use crate::kind::Kind;
 use crate::layout::ShardId;
@@ -69,6 +70,14 @@ pub enum RemakeError {
         /// The reason.
         problem: String,
     },
+    /// Another program wrote to the store meanwhile. It stays, with what was written.
+    #[error(
+        "{store}: another program wrote into it meanwhile; it is as that program left it: start over when none writes"
+    )]
+    Written {
+        /// The store.
+        store: PathBuf,
+    },
     /// A voxel is between two labels. The store is as before.
     #[error("{store}: the voxel {voxel}, and labels are whole numbers; the store is unchanged")]
     Fraction {
@@ -129,6 +138,8 @@ pub(crate) struct Documents {
 /// A store to be made again.
 pub(crate) struct Remake<'a> {
     store: &'a Store,
+    /// The state of level 0's files when the work was planned.
+    state: u64,
     source: &'a dyn Source,
     options: PackOptions,
     plan: PackPlan,
@@ -139,7 +150,7 @@ impl<'a> Remake<'a> {
     /// Plans a store of the voxels of `source`, laid out like `store`, whose level 0 they are. `purpose` tells the work in the journal.
     ///
     /// # Errors
-    /// If the memory is too little.
+    /// If the memory is too little, or level 0 cannot be looked at.
     pub(crate) fn new(
         store: &'a Store,
         source: &'a dyn Source,
@@ -163,7 +174,18 @@ impl<'a> Remake<'a> {
             exists: Exists::Overwrite,
         };
         let plan = plan_last(source, &options, store.layout())?;
-        Ok(Self { store, source, options, plan, settings: json!({ OF_EDIT: purpose, "kind": kind }) })
+        let state = state_of_level_0(store)?;
+        Ok(Self { store, state, source, options, plan, settings: json!({ OF_EDIT: purpose, "kind": kind }) })
+    }
+
+    /// Refuses a store that another program wrote to since the work was planned.
+    fn refuse_written(&self) -> Result<(), RemakeError> {
+        let dir = self.store.path();
+        let document = self.store.folder().document(&dir.join("zarr.json"))?;
+        if !self.store.was_opened_with(&document) || state_of_level_0(self.store)? != self.state {
+            return Err(RemakeError::Written { store: dir.into() });
+        }
+        Ok(())
     }
 
     /// Bricks of all levels.
@@ -191,7 +213,9 @@ impl<'a> Remake<'a> {
         };
         let started = Output::start(disk, dir, Exists::Overwrite, &self.settings, &self.plan).map_err(unchanged)?;
         let Some(mut output) = started else { return Err(self.store.replaced().into()) };
-        if let Err(error) = self.make(disk, &mut output, progress, kept, documents) {
+        let made = self.make(disk, &mut output, progress, kept, documents);
+        // As late as can be: what is written until the names are exchanged goes with the former store.
+        if let Err(error) = made.and_then(|()| self.refuse_written()) {
             // Otherwise the next writer does it.
             let _ = output.abandon(disk);
             return Err(error);
@@ -199,6 +223,10 @@ impl<'a> Remake<'a> {
         output.finish(disk).map_err(|error| {
             // Nothing is there between two renames, which the next writer completes.
             let is_former = std::fs::read(dir.join("zarr.json")).is_ok_and(|text| self.store.was_opened_with(&text));
+            if is_former {
+                // Otherwise the next writer does it.
+                let _ = output::end_edit(disk, dir);
+            }
             match error {
                 PackError::Io { error, .. } if !is_former => RemakeError::Unsynced { store: dir.into(), error },
                 error => unchanged(error),
@@ -244,6 +272,7 @@ impl<'a> Remake<'a> {
             }
         }
         let Output { dir: new, journal, .. } = output;
+        take_mode(dir, new).map_err(unchanged)?;
         let pass = Pass { source: *source, store: new, options, plan, disk, progress };
         let totals = (0..store.channels()).map(|_| ChannelTotals::new(store.voxel_type())).collect();
         let passed = run_passes(&pass, journal, totals).map_err(|(stop, _)| match stop {
@@ -273,6 +302,18 @@ impl<'a> Remake<'a> {
         };
         write().map_err(unchanged)
     }
+}
+
+/// The state of level 0's files.
+fn state_of_level_0(store: &Store) -> Result<u64, PackError> {
+    let path = store.path().join("0");
+    state_of_files(&path).map_err(|error| PackError::Io { path, error })
+}
+
+/// Gives a folder the permissions of another one: whoever may not enter the former store may not enter the new one.
+fn take_mode(from: &Path, to: &Path) -> Result<(), DiskError> {
+    let taken = std::fs::metadata(from).and_then(|from| std::fs::set_permissions(to, from.permissions()));
+    taken.map_err(|error| DiskError { path: to.into(), error })
 }
 
 /// Gives all files of a folder a second name in another one.

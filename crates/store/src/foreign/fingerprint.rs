@@ -3,6 +3,7 @@
 //! Costs a look at each file: some microseconds. Arrays of more than [`MOST_FILES`] have none, and what is made from them is kept in memory alone.
 
 use std::fs;
+use std::io;
 use std::path::Path;
 use std::time::{SystemTime, UNIX_EPOCH};
 use xxhash_rust::xxh3::xxh3_64;
@@ -13,29 +14,49 @@ const MOST_FILES: usize = 200_000;
 /// The state of all files of an array opened at some time; `None` if there are too many, one cannot be looked at, or is newer than the opening: parts
 /// of the array may have been read before it was written.
 pub(crate) fn of(array: &Path, opened: SystemTime) -> Option<u64> {
-    let (mut folders, mut looked_at, mut state) = (vec![array.to_path_buf()], 0, 0u64);
+    let mut looked_at = 0;
+    let mut may_take = |modified: SystemTime| {
+        looked_at += 1;
+        looked_at <= MOST_FILES && modified <= opened
+    };
+    of_files(array, &mut may_take).ok().flatten()
+}
+
+/// The state of all files of a folder, however many and of any times.
+///
+/// # Errors
+/// If one cannot be looked at.
+pub(crate) fn of_all(folder: &Path) -> io::Result<u64> {
+    of_files(folder, &mut |_| true).map(Option::unwrap_or_default)
+}
+
+/// The state of a folder's files; `None` if `may_take` refuses the time of a file or folder.
+fn of_files(array: &Path, may_take: &mut dyn FnMut(SystemTime) -> bool) -> io::Result<Option<u64>> {
+    let (mut folders, mut state) = (vec![array.to_path_buf()], 0u64);
     while let Some(folder) = folders.pop() {
-        for entry in fs::read_dir(&folder).ok()? {
-            let entry = entry.ok()?;
-            looked_at += 1;
-            if looked_at > MOST_FILES {
-                return None;
-            }
-            let file = fs::metadata(entry.path()).ok()?;
+        for entry in fs::read_dir(&folder)? {
+            let entry = entry?;
+            let file = fs::metadata(entry.path())?;
             if file.is_dir() {
+                if !may_take(UNIX_EPOCH) {
+                    return Ok(None);
+                }
                 folders.push(entry.path());
                 continue;
             }
-            let modified = file.modified().ok().filter(|modified| *modified <= opened)?;
+            let modified = file.modified()?;
+            if !may_take(modified) {
+                return Ok(None);
+            }
             let nanoseconds = modified.duration_since(UNIX_EPOCH).map_or(0, |since| since.as_nanos());
             let path = entry.path();
-            let name = path.strip_prefix(array).ok()?.as_os_str().as_encoded_bytes();
+            let name = path.strip_prefix(array).unwrap_or(&path).as_os_str().as_encoded_bytes();
             let facts = [&xxh3_64(name).to_le_bytes()[..], &file.len().to_le_bytes(), &nanoseconds.to_le_bytes()];
             // A sum: the system lists files in any order.
             state = state.wrapping_add(xxh3_64(&facts.concat()));
         }
     }
-    Some(state)
+    Ok(Some(state))
 }
 
 #[cfg(test)]
@@ -61,5 +82,6 @@ mod tests {
         assert!(first != second && second != third);
         assert_eq!(of(array.path(), UNIX_EPOCH), None, "written to since");
         assert_eq!(of(&array.path().join("missing"), far), None);
+        assert!(of_all(&array.path().join("missing")).is_err() && of_all(array.path()).unwrap() == third);
     }
 }

@@ -1,7 +1,7 @@
 //! Statistics of a foreign image from a sample, for a window and a histogram to begin with: whole chunks, evenly spread over its finest level with
-//! few voxels, else over its coarsest one; the first time step.
+//! few voxels, else over its coarsest one; the first time step. A sample of one value alone is taken again elsewhere.
 //!
-//! Costs reading and counting at most [`MOST_VOXELS`] of each channel: some tenths of a second.
+//! Costs reading and counting at most [`MOST_VOXELS`] of each channel, three times where there is one value: some tenths of a second.
 
 use crate::error::OpenError;
 use crate::metadata::ChannelStatistics;
@@ -39,8 +39,22 @@ pub(crate) fn of(levels: &[ImageLevel]) -> Result<Sample, OpenError> {
     let place = few.unwrap_or_else(coarsest);
     let source = &*levels[place].source;
     let whole = source.info().extent;
-    let boxes = boxes(whole, source.piece().unwrap_or(whole), most);
-    let taken = |channel| with_voxel_type!(info.voxel_type, T => channel_of::<T>(source, channel, &boxes));
+    let sought = Place::ALL.map(|place| boxes(whole, source.piece().unwrap_or(whole), most, place));
+    let taken = |channel| {
+        with_voxel_type!(info.voxel_type, T => {
+            let mut found = channel_of::<T>(source, channel, &sought[0]);
+            for (place, boxes) in sought.iter().enumerate().skip(1) {
+                // One value alone may be the background of a small object.
+                match &found {
+                    Ok((statistics, _)) if statistics.range[0] >= statistics.range[1] && sought[place] != sought[0] => {
+                        found = channel_of::<T>(source, channel, boxes);
+                    }
+                    _ => break,
+                }
+            }
+            found
+        })
+    };
     let channels = (0..info.channels).map(taken).collect::<Result<Vec<_>, ImportError>>()?;
     let is_complete = channels.iter().all(|(_, is_complete)| *is_complete);
     // Coarser arrays by other programs may go beyond the finest one's values.
@@ -48,17 +62,39 @@ pub(crate) fn of(levels: &[ImageLevel]) -> Result<Sample, OpenError> {
     Ok(Sample { channels: channels.into_iter().map(|(statistics, _)| statistics).collect(), is_whole })
 }
 
+/// The chunk taken of each part of an axis.
+#[derive(Clone, Copy)]
+enum Place {
+    Middle,
+    First,
+    Last,
+}
+
+impl Place {
+    const ALL: [Self; 3] = [Self::Middle, Self::First, Self::Last];
+
+    /// Index of the chunk of part `i` of `parts` equal ones of `n` chunks.
+    fn of_part(self, i: u32, parts: u32, n: u32) -> u32 {
+        let end = |i: u32| u64::from(i) * u64::from(n) / u64::from(parts);
+        let index = match self {
+            Self::Middle => u64::from(2 * i + 1) * u64::from(n) / u64::from(2 * parts),
+            Self::First => end(i),
+            Self::Last => (end(i + 1) - 1).max(end(i)),
+        };
+        index as u32
+    }
+}
+
 /// Boxes of whole chunks, evenly spread along each axis, of at most so many voxels together; one box at least, of a part of a chunk where that is greater.
-fn boxes(whole: Extent, chunk: Extent, most_voxels: u64) -> Vec<VoxelBox> {
+fn boxes(whole: Extent, chunk: Extent, most_voxels: u64, within: Place) -> Vec<VoxelBox> {
     let (n, chunk) = (whole.to_array(), chunk.to_array());
     let edge: [u32; 3] = std::array::from_fn(|axis| chunk[axis].clamp(1, n[axis]));
     let grid: [u32; 3] = std::array::from_fn(|axis| n[axis].div_ceil(edge[axis]));
     let chunk_voxels = edge.iter().map(|&n| u64::from(n)).product::<u64>();
     let taken = counts(grid, (most_voxels / chunk_voxels).max(1));
     let box_of = |place: [u32; 3]| {
-        // The chunk in the middle of each of `taken` equal parts.
-        let middle = |axis: usize| u64::from(2 * place[axis] + 1) * u64::from(grid[axis]) / u64::from(2 * taken[axis]);
-        let min: [u32; 3] = std::array::from_fn(|axis| middle(axis) as u32 * edge[axis]);
+        let index = |axis: usize| within.of_part(place[axis], taken[axis], grid[axis]);
+        let min: [u32; 3] = std::array::from_fn(|axis| index(axis) * edge[axis]);
         let max = std::array::from_fn(|axis| min[axis].saturating_add(edge[axis]).min(n[axis]));
         part(VoxelBox::new(min, max), most_voxels)
     };
@@ -149,17 +185,28 @@ mod tests {
             (whole, 1_500_000, 1),
             (Extent::new(4000, 4000, 1), 500, 1),
         ] {
-            let boxes = boxes(whole, chunk, most);
+            let boxes = boxes(whole, chunk, most, Place::Middle);
             assert_eq!(boxes.len(), count, "{chunk}");
             assert!(boxes.iter().map(|b| b.extent().volume()).sum::<u64>() <= most, "{chunk}");
             assert!(boxes.iter().all(|b| !b.is_empty() && b.intersect(whole.full_box()) == *b));
         }
-        let spread = boxes(whole, Extent::new(1000, 1000, 1), 4_000_000);
+        let spread = boxes(whole, Extent::new(1000, 1000, 1), 4_000_000, Place::Middle);
         assert_eq!(spread.iter().map(|b| b.min.z).collect::<Vec<_>>(), [125, 375, 625, 875]);
-        let edges = boxes(Extent::new(1024, 1024, 1024), Extent::new(64, 64, 64), MOST_VOXELS);
+        let edges = boxes(Extent::new(1024, 1024, 1024), Extent::new(64, 64, 64), MOST_VOXELS, Place::Middle);
         let along = |at: fn(&VoxelBox) -> u32| edges.iter().map(at).collect::<std::collections::BTreeSet<_>>();
         for found in [along(|b| b.min.x), along(|b| b.min.y), along(|b| b.min.z)] {
             assert_eq!(found.into_iter().collect::<Vec<_>>(), [128, 384, 640, 896]);
+        }
+    }
+
+    #[test]
+    fn other_samples_have_other_chunks_of_each_part() {
+        for (parts, n) in [(4, 16), (3, 10), (5, 5), (1, 7)] {
+            let of = |place: Place| (0..parts).map(|i| place.of_part(i, parts, n)).collect::<Vec<_>>();
+            let [middle, first, last] = Place::ALL.map(of);
+            assert!(first[0] == 0 && last[parts as usize - 1] == n - 1);
+            let is_in_order = |(i, at): (usize, &u32)| first[i] <= *at && *at <= last[i];
+            assert!(middle.iter().enumerate().all(is_in_order), "{first:?} {middle:?} {last:?}");
         }
     }
 

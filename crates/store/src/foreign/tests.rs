@@ -198,6 +198,35 @@ fn a_sample_s_statistics_bound_nothing() {
     assert!(store.minmax(id).unwrap() == Some(VoxelType::F32.limits()) && store.may_have_label(0, 9));
 }
 
+/// Zero but for the first chunk's voxels.
+struct Corner {
+    info: SourceInfo,
+}
+
+impl Source for Corner {
+    fn info(&self) -> &SourceInfo {
+        &self.info
+    }
+
+    fn piece(&self) -> Option<Extent> {
+        Some(Extent::new(64, 64, 64))
+    }
+
+    fn read_box(&self, _: u32, _: u32, region: VoxelBox, out: &mut [u8]) -> Result<(), ImportError> {
+        let is_first = |place: [u32; 3]| place.iter().all(|at| *at < 64);
+        region.voxels().zip(out).for_each(|(place, out)| *out = if is_first(place) { place[0] as u8 } else { 0 });
+        Ok(())
+    }
+}
+
+#[test]
+fn an_object_in_a_corner_is_sampled() {
+    let info = SourceInfo { calibrated: true, ..SourceInfo::of_volume(Extent::new(640, 640, 640), VoxelType::U8) };
+    let store = opened(vec![Arc::new(Corner { info })]);
+    assert!(!store.has_exact_statistics());
+    assert_eq!(store.info().channels[0].range, [0.0, 63.0]);
+}
+
 #[test]
 fn labels_are_reduced_by_mode() {
     let mut source = Hashed::new(VoxelType::U32, Extent::new(100, 40, 40), None);

@@ -6,7 +6,7 @@ use crate::metadata::document_bytes;
 use crate::pack::tests::{Array, files, mean_and_max, options, value};
 use crate::pack::{PackOptions, pack};
 use crate::verify::verify;
-use brickyard_volume::{ChannelLook, VoxelType};
+use brickyard_volume::{ChannelLook, VoxelBox, VoxelType};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 
@@ -50,11 +50,29 @@ fn indexed(path: &Path) -> Result<IndexReport, RemakeError> {
     index_own(&Disk::default(), path, &|_, _| ControlFlow::Continue(()))
 }
 
-/// Files of a store but its root document, and the latter.
+/// Files of a store but its root document, and the latter without the marks of its settings.
 fn with_root(path: &Path) -> (BTreeMap<PathBuf, Vec<u8>>, Value) {
     let mut files = files(path);
     let root = files.remove(Path::new("zarr.json")).unwrap();
-    (files, serde_json::from_slice(&root).unwrap())
+    let mut root: Value = serde_json::from_slice(&root).unwrap();
+    for key in ["checksum", "settings_fingerprint"] {
+        root["attributes"]["brickyard"].as_object_mut().unwrap().remove(key);
+    }
+    (files, root)
+}
+
+/// Bricks of one volume that hold other voxels afterwards.
+fn changed(i: u32) -> u64 {
+    let bricks = VoxelBox::new([0; 3], EXTENT.map(|n| n.div_ceil(16)));
+    let is_changed = |brick: &[u32; 3]| {
+        let max = std::array::from_fn(|a| (16 * brick[a] + 16).min(EXTENT[a]));
+        VoxelBox::new(brick.map(|n| 16 * n), max).voxels().any(|p| first(i, p) != rewritten(i, p))
+    };
+    bricks.voxels().filter(is_changed).count() as u64
+}
+
+fn fingerprint(path: &Path) -> String {
+    Store::open(path).unwrap().info().settings_fingerprint.clone()
 }
 
 #[test]
@@ -66,9 +84,12 @@ fn a_store_written_into_becomes_one_packed_so() {
         packed(&expected, times, rewritten);
         write_into(&path, &expected);
         assert!(!verify(&path, |_, _| {}).unwrap().problems.is_empty());
+        let before = fingerprint(&path);
         let report = indexed(&path).unwrap();
+        assert_ne!(fingerprint(&path), before, "a resumed pack of the former voxels does not know it");
         let volumes = u64::from(times) * 2;
-        assert_eq!(report.shards, Some(ShardChanges { changed: 4 * volumes, added: volumes, gone: volumes }));
+        let bricks = (0..volumes as u32).map(changed).sum();
+        assert_eq!(report.changes, Some(Changes { bricks, lost_shards: volumes }));
         let [found, expected] = [&path, &expected].map(|path| with_root(path));
         assert!(found.0 == expected.0, "{times}: other files");
         assert_eq!(found.1, expected.1, "{times}");
@@ -83,7 +104,7 @@ fn a_store_as_packed_stays_so() {
     let path = folder.path().join("s.zarr");
     packed(&path, 1, first);
     let before = files(&path);
-    assert_eq!(indexed(&path).unwrap().shards, Some(ShardChanges::default()));
+    assert_eq!(indexed(&path).unwrap().changes, Some(Changes::default()));
     assert!(files(&path) == before);
 }
 
@@ -99,7 +120,7 @@ fn looks_and_steps_stay() {
         appender.append(&source, None, &()).unwrap();
     }
     for path in [&path, &expected] {
-        let mut root = with_root(path).1;
+        let mut root: Value = serde_json::from_slice(&files(path)[Path::new("zarr.json")]).unwrap();
         root["attributes"]["ome"]["omero"]["channels"][0]["label"] = json!("theirs");
         root["attributes"]["theirs"] = json!([1]);
         std::fs::write(path.join("zarr.json"), document_bytes(&root)).unwrap();
@@ -132,7 +153,7 @@ fn a_store_that_cannot_be_indexed_stays() {
         ControlFlow::Continue(())
     };
     let stopped = index_own(&Disk::default(), &path, &write).unwrap_err().to_string();
-    assert!(stopped.contains("wrote into level 0 meanwhile"), "{stopped}");
+    assert!(stopped.contains("wrote into it meanwhile"), "{stopped}");
     std::fs::remove_file(&other).unwrap();
     assert!(files(folder.path()).len() == before.len() && files(&path) == before);
     let shard = path.join("0/c/0/0/1/1");
@@ -144,10 +165,28 @@ fn a_store_that_cannot_be_indexed_stays() {
     let message = indexed(&path).unwrap_err().to_string();
     assert!(message.contains("the store is unchanged"), "{message}");
     assert!(files(&path) == damaged);
-    // Another spacing, which may be damage.
-    let mut root = with_root(&path).1;
+    std::fs::remove_file(&shard).unwrap();
+    // Another name of an axis, and another spacing, which may be damage.
+    let document = path.join("0/zarr.json");
+    let text = std::fs::read_to_string(&document).unwrap();
+    std::fs::write(&document, text.replace("\"x\"", "\"w\"")).unwrap();
+    assert!(indexed(&path).is_err());
+    std::fs::write(&document, &text).unwrap();
+    assert!(indexed(&PathBuf::from(format!("{}::0", path.display()))).is_err());
+    let mut root: Value = serde_json::from_slice(&files(&path)[Path::new("zarr.json")]).unwrap();
     root["attributes"]["brickyard"]["spacing"] = json!([1.0, 1.0, 7.0]);
     std::fs::write(path.join("zarr.json"), document_bytes(&root)).unwrap();
     assert!(indexed(&path).is_err());
-    assert!(files(folder.path()).len() == before.len());
+    assert!(files(folder.path()).len() == before.len() - 1);
+}
+
+#[test]
+fn a_private_store_stays_so() {
+    use std::os::unix::fs::PermissionsExt;
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("s.zarr");
+    packed(&path, 1, first);
+    std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0o700)).unwrap();
+    indexed(&path).unwrap();
+    assert_eq!(path.metadata().unwrap().permissions().mode() & 0o777, 0o700);
 }
