@@ -182,7 +182,8 @@ def read_image(image):
     else:
         own = None
         axes = read_axes(image["axes"]) if "axes" in image else [Axis(name) for name in "tczyx"]
-    maps = [None if items is None else map_of({"type": "sequence", "transformations": items}, len(axes)) for items in transforms]
+    # An empty list tells no more than none.
+    maps = [None if not items else map_of({"type": "sequence", "transformations": items}, len(axes)) for items in transforms]
     further = image.get("coordinateTransformations") or []
     others, left_out = {}, False
     if own is None and further:
