@@ -4,7 +4,7 @@ use crate::extraction::mesh;
 use crate::report::MeshReport;
 use crate::request::MeshRequest;
 use brickyard_import::{ImportError, Source, SourceInfo};
-use brickyard_store::{Downsample, Kind, PackOptions, Store, pack};
+use brickyard_store::{Downsample, Edit, Kind, PackOptions, Store, edit, pack};
 use brickyard_volume::{Extent, Geometry, Orientation, Voxel, VoxelBox};
 use glam::DVec3;
 use std::collections::{HashMap, HashSet};
@@ -68,17 +68,24 @@ pub(crate) struct Packed {
 
 impl Packed {
     pub(crate) fn image(source: &dyn Source, edge: u32) -> Self {
-        Self::new(source, edge, Kind::Image)
+        Self::new(source, edge, Kind::Image, Downsample::Mean)
     }
 
     pub(crate) fn labels(source: &dyn Source, edge: u32) -> Self {
-        Self::new(source, edge, Kind::Labels)
+        Self::new(source, edge, Kind::Labels, Downsample::Mode)
     }
 
-    fn new(source: &dyn Source, edge: u32, kind: Kind) -> Self {
+    /// Labels of any values, as no pack makes them, but an edit may.
+    pub(crate) fn image_called_labels(source: &dyn Source, edge: u32) -> Self {
+        let Self { folder, .. } = Self::new(source, edge, Kind::Image, Downsample::Mode);
+        let path = folder.path().join("s.zarr");
+        edit(&path, &Edit { kind: Some(Kind::Labels), ..Edit::default() }).unwrap();
+        Self { store: Store::open(&path).unwrap(), folder }
+    }
+
+    fn new(source: &dyn Source, edge: u32, kind: Kind, downsample: Downsample) -> Self {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("s.zarr");
-        let downsample = if kind == Kind::Labels { Downsample::Mode } else { Downsample::Mean };
         let options = PackOptions {
             edge,
             shard_edge: 2 * edge,

@@ -355,8 +355,7 @@ fn all_labels_are_the_single_ones_as_objects() {
 fn fractions_and_nan_are_no_labels() {
     let value = |[x, ..]: [u32; 3]| [0.0f32, 1.0, 1.5, 3.0, f32::NAN, f32::NAN][x as usize % 6];
     for edge in [8, 32] {
-        // As labels they are not packed.
-        let packed = Packed::image(&Made::new([6, 5, 4], value), edge);
+        let packed = Packed::image_called_labels(&Made::new([6, 5, 4], value), edge);
         for label in [0, 1, 3] {
             let (ply, report) = packed.ply(&MeshRequest::new(MeshSurface::Label(label)));
             ply.checked();
