@@ -39,20 +39,22 @@ pub(crate) fn of(levels: &[ImageLevel]) -> Result<Sample, OpenError> {
     let place = few.unwrap_or_else(coarsest);
     let source = &*levels[place].source;
     let whole = source.info().extent;
-    let sought = Place::ALL.map(|place| boxes(whole, source.piece().unwrap_or(whole), most, place));
+    let boxes_at = |place| boxes(whole, source.piece().unwrap_or(whole), most, place);
+    let first = boxes_at(Place::Middle);
     let taken = |channel| {
         with_voxel_type!(info.voxel_type, T => {
-            let mut found = channel_of::<T>(source, channel, &sought[0]);
-            for (place, boxes) in sought.iter().enumerate().skip(1) {
-                // One value alone may be the background of a small object.
-                match &found {
-                    Ok((statistics, _)) if statistics.range[0] >= statistics.range[1] && sought[place] != sought[0] => {
-                        found = channel_of::<T>(source, channel, boxes);
-                    }
-                    _ => break,
+            let mut found = channel_of::<T>(source, channel, &first)?;
+            // One value alone may be the background of a small object.
+            for place in [Place::First, Place::Last] {
+                if found.0.range[0] < found.0.range[1] {
+                    break;
+                }
+                let other = boxes_at(place);
+                if other != first && let Ok(other) = channel_of::<T>(source, channel, &other) {
+                    found = other;
                 }
             }
-            found
+            Ok(found)
         })
     };
     let channels = (0..info.channels).map(taken).collect::<Result<Vec<_>, ImportError>>()?;
@@ -71,8 +73,6 @@ enum Place {
 }
 
 impl Place {
-    const ALL: [Self; 3] = [Self::Middle, Self::First, Self::Last];
-
     /// Index of the chunk of part `i` of `parts` equal ones of `n` chunks.
     fn of_part(self, i: u32, parts: u32, n: u32) -> u32 {
         let end = |i: u32| u64::from(i) * u64::from(n) / u64::from(parts);
@@ -203,7 +203,7 @@ mod tests {
     fn other_samples_have_other_chunks_of_each_part() {
         for (parts, n) in [(4, 16), (3, 10), (5, 5), (1, 7)] {
             let of = |place: Place| (0..parts).map(|i| place.of_part(i, parts, n)).collect::<Vec<_>>();
-            let [middle, first, last] = Place::ALL.map(of);
+            let [middle, first, last] = [Place::Middle, Place::First, Place::Last].map(of);
             assert!(first[0] == 0 && last[parts as usize - 1] == n - 1);
             let is_in_order = |(i, at): (usize, &u32)| first[i] <= *at && *at <= last[i];
             assert!(middle.iter().enumerate().all(is_in_order), "{first:?} {middle:?} {last:?}");
