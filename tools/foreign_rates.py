@@ -10,7 +10,7 @@ without these; `pack` makes a store of the first. All are in the page cache. In 
   flown   by `bench --scenario orbit`: the median frame, and the frame that one in twenty exceeds
   watched for its memory, anonymous and shared as the kernel counts it, under `--host-memory 256MiB --gpu-memory 256MiB`
 
-and the note about its chunks is compared with what the process reads: `read_box` of one brick, by an export of 64³ voxels, in bytes of the files opened.
+and the note about its chunks stands beside the chunks that an export of one brick opens.
 It needs numpy, zarr and strace. A table goes to standard output; stores in --out are kept.
 """
 import argparse
@@ -112,7 +112,7 @@ def flown(a, path):
 
 
 def read_for_a_brick(a, path):
-    """Bytes of the chunk files opened for one brick in the middle, decoded."""
+    """Number of chunk files opened for one brick in the middle."""
     middle = a.edge // 2 // 64 * 64
     box = ",".join(f"{middle}:{middle + 64}" for _ in range(3))
     trace = a.out / "trace"
