@@ -493,13 +493,7 @@ fn chunks_of(dir: &Path, step: u32) -> PathBuf {
 
 /// The statistics of all steps. Windows given by a source stay; others follow from the values.
 fn statistics(info: &StoreInfo, before: &[ChannelTotals], after: &[ChannelTotals]) -> Vec<ChannelStatistics> {
-    let mut grown: Vec<ChannelStatistics> = after.iter().map(ChannelTotals::finish).collect();
-    for ((grown, channel), before) in grown.iter_mut().zip(&info.channels).zip(before.iter().map(ChannelTotals::finish))
-    {
-        (grown.name, grown.color, grown.unit) = (channel.name.clone(), channel.color, channel.unit.clone());
-        if before.window != channel.window {
-            grown.window = channel.window;
-        }
-    }
-    grown
+    let before = before.iter().map(|before| before.finish().window);
+    let grown = after.iter().map(ChannelTotals::finish).zip(&info.channels).zip(before);
+    grown.map(|((grown, channel), usual)| grown.with_looks_of(channel, usual)).collect()
 }

@@ -45,7 +45,7 @@ impl Counts {
         Self::in_folder(store.layout(), store.path())
     }
 
-    /// Those of a store laid out so in a folder.
+    /// The counts of a store with this layout in a folder.
     pub(crate) fn in_folder(layout: &Layout, folder: &Path) -> Self {
         Self { dir: layout.side_dir(folder, Level(0)).join(COUNTS_NAME) }
     }

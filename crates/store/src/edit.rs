@@ -119,8 +119,8 @@ pub struct EditReport {
 ///
 /// # Errors
 /// If the store is missing, unfinished, in use by another writer or not writable, an edit does not fit it, nothing
-/// would change, or the disk fails. Except for [`EditError::Unsynced`] and [`EditError::Unlisted`], the store is then
-/// unchanged.
+/// would change, or the disk fails. Except for [`EditError::Unsynced`], [`EditError::Unlisted`] and
+/// [`RemakeError::Unsynced`](crate::RemakeError::Unsynced), the store is then unchanged.
 pub fn edit(store: &Path, edit: &Edit) -> Result<EditReport, EditError> {
     edit_on(&Disk::default(), store, edit, usual_work())
 }

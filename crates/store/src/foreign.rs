@@ -81,16 +81,24 @@ pub(crate) struct Described {
 
 /// Whether a path is `FOLDER::PATH`, a place in a Zarr.
 pub(crate) fn is_place(path: &Path) -> bool {
-    zarr_folder(path).is_some_and(|folder| folder != path)
+    folder_of_place(path).is_some()
+}
+
+/// The folder of a path `FOLDER::PATH`; `None` for other paths.
+pub(crate) fn folder_of_place(path: &Path) -> Option<PathBuf> {
+    zarr_folder(path).filter(|folder| folder != path)
+}
+
+/// Whether a folder's root document is of a store of brickyard's, finished or not.
+pub(crate) fn is_own(folder: &Path) -> bool {
+    let root = Folder::open(folder).ok().and_then(|opened| read_json(&opened, &folder.join("zarr.json")).ok());
+    root.is_some_and(|root| !root["attributes"]["brickyard"].is_null())
 }
 
 /// Whether a path is another program's Zarr, or `FOLDER::PATH` for a place in one; brickyard's own stores, finished or not, are not.
 pub fn is_foreign(path: &Path) -> bool {
     let Some(folder) = zarr_folder(path).filter(|folder| !folder.join(JOURNAL_NAME).exists()) else { return false };
-    let document = folder.join("zarr.json");
-    let root = Folder::open(&folder).ok().and_then(|opened| read_json(&opened, &document).ok());
-    let is_own = root.is_some_and(|root| !root["attributes"]["brickyard"].is_null());
-    folder != path || !is_own && !crate::inside::is_inside(&folder)
+    folder != path || !is_own(&folder) && !crate::inside::is_inside(&folder)
 }
 
 impl Foreign {

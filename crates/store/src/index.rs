@@ -1,8 +1,8 @@
 //! The index of an image: exact statistics of its channels, the range of each brick, and its coarse levels.
 //!
-//! Of another program's image it is kept in the user's cache (`foreign/index.rs`). A store of brickyard's has it in itself; once another program wrote
-//! into level 0, it is made again by the code of packing, in a store that replaces the former one ([`Remake`]). Shards of level 0 that are as recorded
-//! stay; others are packed again from their voxels, as are those with padding, whose voxels no record covers. Costs a reading of level 0, once.
+//! The index of another program's image lies in the user's cache (`foreign/index.rs`), the index of a store of brickyard's in the store. Once another program
+//! wrote into level 0, the code of packing makes a store anew, which replaces the former one ([`Remake`]). Shards of level 0 as recorded stay; others
+//! are packed again from their voxels, and so are shards with padding, which no record covers. Costs a reading of level 0, once.
 
 #[cfg(test)]
 mod tests;
@@ -26,7 +26,7 @@ use crate::side::SideArray;
 use crate::stats::ChannelTotals;
 use crate::store::Store;
 use crate::verify::documents::{array_change, root_change};
-use brickyard_import::zarr::{open_image, zarr_folder};
+use brickyard_import::zarr::open_image;
 use brickyard_import::{Described, Source, SourceInfo};
 use brickyard_volume::Level;
 use std::ops::ControlFlow;
@@ -72,7 +72,7 @@ pub struct Changes {
 /// # Errors
 /// If there is no such image, it is in use by another writer, it has too many bricks, one cannot be read, nothing can be kept, or `progress` breaks.
 pub fn index(path: &Path, progress: impl Fn(u64, u64) -> ControlFlow<()> + Sync) -> Result<IndexReport, IndexError> {
-    if let Some(store) = own_around(path) {
+    if let Some(store) = foreign::folder_of_place(path).filter(|folder| foreign::is_own(folder)) {
         let what = format!("is a part of a store of brickyard's: index that, {}", store.display());
         return Err(RemakeError::Open(OpenError::Unfit { path: path.into(), what }).into());
     }
@@ -81,13 +81,6 @@ pub fn index(path: &Path, progress: impl Fn(u64, u64) -> ControlFlow<()> + Sync)
         return Ok(IndexReport { bricks, cache_bytes, changes: None });
     }
     Ok(index_own(&Disk::default(), path, &progress)?)
-}
-
-/// The store of brickyard's in whose folder a place `FOLDER::PATH` lies.
-fn own_around(path: &Path) -> Option<PathBuf> {
-    let folder = zarr_folder(path).filter(|folder| folder != path)?;
-    let root = read_json(&Folder::open(&folder).ok()?, &folder.join("zarr.json")).ok()?;
-    (!root["attributes"]["brickyard"].is_null()).then_some(folder)
 }
 
 /// Makes the index of a store of brickyard's again.
@@ -101,8 +94,9 @@ pub(crate) fn index_own(
     let mut root = checked_root(&store)?;
     let voxels = level_0(&store)?;
     let AppendOptions { memory_bytes, threads } = AppendOptions::default();
-    let methods = (store.info().downsample, store.info().kind);
-    let remake = Remake::new(&store, &voxels, "index", methods, Work { memory_bytes, threads, progress: &() })?;
+    let StoreInfo { downsample, kind, .. } = *store.info();
+    let work = Work { memory_bytes, threads, progress: &() };
+    let remake = Remake::new(&store, &voxels, "index", downsample, kind, work)?;
     let bricks = remake.brick_count();
     let (kept, lost_shards) = survey(&store);
     let mut changes = Changes { bricks: 0, lost_shards };
@@ -159,7 +153,7 @@ fn level_0(store: &Store) -> Result<Described<Arc<dyn Source>>, OpenError> {
         times: store.times(),
         channels: store.channels(),
         geometry: store.geometry().clone(),
-        nodata: store.info().nodata.map(|nodata| nodata as f64).or(store.info().blanked),
+        nodata: store.info().source_nodata(),
         ..SourceInfo::of_volume(store.pyramid().levels()[0].extent, store.voxel_type())
     };
     Ok(Described { info, source, first: 0 })
@@ -212,15 +206,10 @@ fn is_padded(layout: &Layout, shard: ShardId) -> bool {
     })
 }
 
-/// The statistics of the voxels found. Windows given by a source stay; others follow from the values.
+/// The statistics of the voxels found, with the channels' looks.
 fn statistics(info: &StoreInfo, totals: &[ChannelTotals]) -> Vec<ChannelStatistics> {
-    let with_looks = |(found, former): (&ChannelTotals, &ChannelStatistics)| {
-        let found = found.finish();
-        let window = if former.window == former.usual_window() { found.window } else { former.window };
-        let ChannelStatistics { name, color, unit, .. } = former.clone();
-        ChannelStatistics { window, name, color, unit, ..found }
-    };
-    totals.iter().zip(&info.channels).map(with_looks).collect()
+    let found = totals.iter().map(ChannelTotals::finish).zip(&info.channels);
+    found.map(|(found, former)| found.with_looks_of(former, former.usual_window())).collect()
 }
 
 /// The caller's progress, in bricks.

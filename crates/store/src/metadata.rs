@@ -134,6 +134,12 @@ impl ChannelStatistics {
         self.percentiles.usual_window(self.range)
     }
 
+    /// These statistics with the name, colour and unit of former ones, and their window if a source gave it: if it is not the `usual` one of their values.
+    pub(crate) fn with_looks_of(self, former: &Self, usual: [f64; 2]) -> Self {
+        let window = if former.window == usual { self.window } else { former.window };
+        Self { window, name: former.name.clone(), color: former.color, unit: former.unit.clone(), ..self }
+    }
+
     /// The value not exceeded by `percent` of the valid voxels, 0 to 100. Exact for the range's ends and each of
     /// [`Percentiles`]; in between, off by less than a histogram bin and within the two nearest.
     pub fn percentile(&self, percent: f64) -> f64 {
@@ -283,6 +289,11 @@ fn is_default<T: Default + PartialEq>(value: &T) -> bool {
 }
 
 impl StoreInfo {
+    /// The value for no data in the source's voxels: an integer as stored, or the float now NaN.
+    pub(crate) fn source_nodata(&self) -> Option<f64> {
+        self.nodata.map(|nodata| nodata as f64).or(self.blanked)
+    }
+
     /// The shape of the stored aprons; `None` if none are stored.
     pub fn apron(&self) -> Option<Apron> {
         (self.aprons > 0).then_some(Apron { edge: self.edge, width: self.aprons })

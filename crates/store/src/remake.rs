@@ -40,13 +40,13 @@ pub enum RemakeError {
         /// The directory of the unfinished pack: the store, or its replacement.
         path: PathBuf,
     },
-    /// The root document is not as it was written.
+    /// The root document, or that of array 0, is not as it was written.
     #[error(
         "{path}: was changed since it was packed or edited last, or is damaged: {change}; undo this change, and start \
          over, or pack the store again"
     )]
     Altered {
-        /// The root document.
+        /// The document.
         path: PathBuf,
         /// The first difference.
         change: String,
@@ -155,7 +155,8 @@ impl<'a> Remake<'a> {
         store: &'a Store,
         source: &'a dyn Source,
         purpose: &str,
-        (downsample, kind): (Reductions, Kind),
+        downsample: Reductions,
+        kind: Kind,
         work: Work,
     ) -> Result<Self, PackError> {
         let stored = store.info();

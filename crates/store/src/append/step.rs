@@ -29,7 +29,7 @@ pub(super) fn first_step(source: &dyn Source, stamp: Option<f64>) -> Result<Step
 pub(super) fn next_step<'a>(source: &'a dyn Source, store: &Store) -> Result<Step<'a>, AppendError> {
     let mut info = one_step(source)?.clone();
     check(&info, store)?;
-    info.nodata = store_nodata(store);
+    info.nodata = store.info().source_nodata();
     Ok(Step { info, source, first: store.times() })
 }
 
@@ -42,7 +42,7 @@ fn one_step(source: &dyn Source) -> Result<&SourceInfo, AppendError> {
 
 /// Checks `count`, the step's voxels with the store's no-data value, which the source may declare data.
 pub(super) fn check_nodata(step: &SourceInfo, store: &Store, count: u64) -> Result<(), AppendError> {
-    match store_nodata(store) {
+    match store.info().source_nodata() {
         Some(value) if step.knows_nodata && step.nodata.is_none() && count > 0 && !step.voxel_type.is_float() => {
             Err(AppendError::Mismatch {
                 store: store.path().into(),
@@ -54,12 +54,6 @@ pub(super) fn check_nodata(step: &SourceInfo, store: &Store, count: u64) -> Resu
         }
         _ => Ok(()),
     }
-}
-
-/// The no-data value of source voxels used in packing the store's steps.
-fn store_nodata(store: &Store) -> Option<f64> {
-    let StoreInfo { nodata, blanked, .. } = store.info();
-    nodata.map(|nodata| nodata as f64).or(*blanked)
 }
 
 /// Checks a step against a store's volume: shape and type, and, if given, place, unit and no data.
@@ -120,7 +114,7 @@ fn check(step: &SourceInfo, store: &Store) -> Result<(), AppendError> {
     if let Some((found, expected)) = unlike_order(step, store) {
         return differs("order of voxels", found, expected);
     }
-    let nodata = store_nodata(store);
+    let nodata = store.info().source_nodata();
     // If the source declares a no-data value, this one only means that some floats are left out, as they are here.
     let is_left_out = step.knows_nodata && step.voxel_type.is_float() && nodata.is_some();
     if let Some(found) = step.nodata.filter(|found| Some(*found) != nodata && !is_left_out) {

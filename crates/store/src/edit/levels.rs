@@ -36,8 +36,8 @@ impl Planned {
     }
 
     fn remake(&self, work: Work) -> Result<Remake<'_>, EditError> {
-        let methods = (Downsample::Mode.into(), Kind::Labels);
-        Ok(Remake::new(self.source.store(), &self.source, "levels", methods, work)?)
+        let store = self.source.store();
+        Ok(Remake::new(store, &self.source, "levels", Downsample::Mode.into(), Kind::Labels, work)?)
     }
 }
 
