@@ -111,15 +111,21 @@ def flown(a, path):
     return row["frame_ms"]["p50"], row["frame_ms"]["p95"], found.most_bytes / (1 << 20)
 
 
-def read_for_a_brick(a, path):
-    """Number of chunk files opened for one brick in the middle."""
+def chunks_opened(a, words):
+    """How often a command opens chunk files of the finest level, and what it says on standard error."""
+    trace = a.out / "trace"
+    command = ["strace", "-f", "-qq", "-e", "trace=openat", "-o", str(trace), str(a.brickyard), *map(str, words)]
+    said = subprocess.run(command, check=True, capture_output=True, text=True).stderr.strip()
+    return len(re.findall(r'"[^"]*/?0/c/[0-9/]+"', trace.read_text())), said
+
+
+def chunks_of_a_brick(a, path):
+    """Number of chunks opened for one brick in the middle, without the sample that every opening takes; and the notes."""
     middle = a.edge // 2 // 64 * 64
     box = ",".join(f"{middle}:{middle + 64}" for _ in range(3))
-    trace = a.out / "trace"
-    command = [a.brickyard, "-q", "export", path, a.out / "brick.npy", "--roi", box, "--overwrite", "--progress", "none"]
-    subprocess.run(["strace", "-f", "-qq", "-e", "trace=openat", "-o", trace, *command], check=True)
-    opened = set(re.findall(r'"[^"]*/(0/c/[0-9/]+)"', trace.read_text()))
-    return len(opened)
+    export = ["-q", "export", path, a.out / "brick.npy", "--roi", box, "--overwrite", "--progress", "none"]
+    of_opening, notes = chunks_opened(a, ["info", path])
+    return chunks_opened(a, export)[0] - of_opening, notes
 
 
 def main():
@@ -143,8 +149,8 @@ def main():
         frame, slow, most = (median(flights[name], i) for i in range(3))
         print(f"| {name} | {first:.2f} | {settled:.2f} | {again:.2f} | {frame:.1f}, {slow:.1f} | {most:.0f} |", flush=True)
     for name in KINDS:
-        told = json.loads(run([str(a.brickyard), "info", str(paths[name]), "--json"]))
-        print(f"{name}: {read_for_a_brick(a, paths[name])} chunks opened for a brick; {told.get('notes')}")
+        chunks, notes = chunks_of_a_brick(a, paths[name])
+        print(f"{name}: {chunks} chunks opened for a brick; {notes or 'no note'}")
 
 
 if __name__ == "__main__":
