@@ -245,6 +245,14 @@ pub trait Source: Send + Sync {
         self.beneath().map_or(0, |source| source.held_bytes())
     }
 
+    /// Bounds the decoded chunks kept for the boxes beside them, of an image's levels together: the fewest that reading needs are kept at least. Without
+    /// effect where none are kept.
+    fn keep_at_most(&self, bytes: u64) {
+        if let Some(source) = self.beneath() {
+            source.keep_at_most(bytes);
+        }
+    }
+
     /// Most bytes of scratch files held at a time.
     fn scratch_bytes(&self) -> u64 {
         self.beneath().map_or(0, |source| source.scratch_bytes())

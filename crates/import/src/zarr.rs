@@ -20,6 +20,7 @@ mod fill;
 mod image;
 mod image_axes;
 mod image_label;
+mod kept_chunks;
 mod keys;
 mod layout;
 mod multiscales;

@@ -98,8 +98,9 @@ impl ExactPasses {
     /// If the host budget cannot hold the cells or a brick in flight, the apron or the gradients do not fit, or no thread can be started.
     pub fn new(source: Arc<dyn BrickSource>, view: &View, config: &PagerConfig) -> Result<Self, ExactError> {
         let contents = config.contents.first().cloned().unwrap_or_default();
-        let layout = Layout::new(&*source, config.apron, config.gradient_layers, &contents)?;
         let host_bytes = config.host_bytes;
+        source.fit(host_bytes);
+        let layout = Layout::new(&*source, config.apron, config.gradient_layers, &contents)?;
         let max_cells = (host_bytes / 4 / BYTES_PER_CELL) as usize;
         let cut = Cut::new(&*source, view, max_cells);
         if cut.memory_bound() || cut.wanted() > max_cells {

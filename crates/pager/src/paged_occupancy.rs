@@ -211,6 +211,10 @@ impl BrickSource for PagedOccupancy {
     fn bytes_read(&self) -> u64 {
         self.source.bytes_read()
     }
+    fn fit(&self, host_bytes: u64) {
+        self.source.fit(host_bytes);
+    }
+
     fn cache_bytes(&self) -> u64 {
         self.source.cache_bytes()
     }

@@ -85,6 +85,7 @@ impl PagedVolume {
         held: &Arc<SlotsByContent>,
         kept: Option<KeptCores>,
     ) -> Result<Self, PagerError> {
+        source.fit(host_bytes);
         let layout = Layout::new(&**source, config.apron, config.gradient_layers, contents)?;
         let sizes = buffer_sizes(&**source, &layout, config.planning, host_bytes);
         let HostSplit { workers, staged, cores } = split_host(host_bytes, config.workers, sizes)?;

@@ -397,6 +397,7 @@ fn volume_request(
     contents: &SlotContents,
     config: &PagerConfig,
 ) -> Result<BudgetRequest, PagerError> {
+    source.fit(config.host_bytes);
     let layout = Layout::new(source, config.apron, config.gradient_layers, contents)?;
     let sizes = buffer_sizes(source, &layout, config.planning, config.host_bytes);
     let BufferSizes { fixed, scratch, core, padded } = sizes;

@@ -98,6 +98,10 @@ impl BrickSource for Store {
         self.bytes_read()
     }
 
+    fn fit(&self, host_bytes: u64) {
+        self.fit(host_bytes);
+    }
+
     fn cache_bytes(&self) -> u64 {
         self.cache_bytes()
     }

@@ -312,11 +312,17 @@ impl Foreign {
         self.bytes_read.load(Ordering::Relaxed)
     }
 
+    /// Keeps decoded chunks of all levels in a quarter of so many bytes, or in the least that reading needs.
+    pub(crate) fn fit(&self, host_bytes: u64) {
+        self.image.levels[0].source.keep_at_most(host_bytes / 4);
+    }
+
     /// Most memory of the readers and of made bricks, with as many threads as processors.
     pub(crate) fn cache_bytes(&self) -> u64 {
         let threads = std::thread::available_parallelism().map_or(1, |n| n.get()) as u64;
         let used = || self.image.levels.iter().map(|level| &level.source).filter(|source| self.levels.uses(source));
-        let held: u64 = used().map(|source| source.held_bytes()).sum();
+        // Of all levels together.
+        let held = used().map(|source| source.held_bytes()).max().unwrap_or(0);
         // A thread reads one level at a time.
         let reading = used().map(|source| source.reader_bytes()).max().unwrap_or(0);
         held + threads * reading + self.made.cache_bytes(threads) + self.index.as_ref().map_or(0, Index::bytes)

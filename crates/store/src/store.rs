@@ -536,6 +536,13 @@ impl Store {
         Ok(page.core(place))
     }
 
+    /// Fits what is kept of another program's image to a reader's memory of so many bytes. Brickyard's own stores keep little.
+    pub fn fit(&self, host_bytes: u64) {
+        if let Bricks::Foreign(foreign) = &self.bricks {
+            foreign.fit(host_bytes);
+        }
+    }
+
     /// Most memory of open shards and pages of side data, in bytes, at any size of store. Excludes callers' buffers.
     pub fn cache_bytes(&self) -> u64 {
         match &self.bricks {

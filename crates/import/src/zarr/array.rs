@@ -6,26 +6,16 @@ mod tests;
 
 use super::chunk_file::{ChunkFile, ChunkFiles};
 use super::document::Document;
+use super::kept_chunks::{KeptChunks, Kind, Needs};
 use super::layout::{Layout, ZarrVersion, product};
 use crate::chunk_grid::{step, strides};
 use crate::element::{Element, Endian};
 use crate::error::{ImportError, Result};
 use crate::stamp::Stamp;
 use crate::strided_copy::{CopyAxis, copy, swap_bytes};
-use hdf5_reader::cache::{ChunkCache, ChunkKey};
 use serde_json::{Map, Value};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-
-/// Bytes of decoded chunks kept for boxes beside them.
-const CACHE_BYTES: u64 = 128 << 20;
-
-/// Slots of the cache, of which bytes are the limit.
-const CACHE_SLOTS: usize = 1 << 16;
-
-/// Numbers of the cache's kinds.
-const CHUNKS: u64 = 0;
-const INDEXES: u64 = 1;
 
 /// An array of numbers.
 pub(crate) struct Array {
@@ -37,7 +27,7 @@ pub(crate) struct Array {
     document: PathBuf,
     stamp: Stamp,
     files: ChunkFiles,
-    cache: ChunkCache,
+    kept: KeptChunks,
     /// Bytes of a decoded chunk, and of a shard's index.
     chunk_bytes: usize,
     index_bytes: u64,
@@ -89,7 +79,7 @@ impl Array {
             }
         };
         let strides = layout.chunk_strides();
-        let array = Self {
+        let mut array = Self {
             path,
             version,
             attributes,
@@ -97,22 +87,39 @@ impl Array {
             document: document.path,
             stamp: document.stamp,
             files: ChunkFiles::from_now_on(),
-            cache: ChunkCache::new(0, 1),
+            kept: KeptChunks::default(),
             chunk_bytes,
             index_bytes,
             strides,
         };
-        Ok(array.keeping(CACHE_BYTES))
+        array.kept = KeptChunks::of_array(array.needs());
+        Ok(array)
     }
 
     /// Keeps so many bytes of decoded chunks for boxes beside them, two chunks with their indexes at least, and the array at most.
     pub(crate) fn keeping(mut self, bytes: u64) -> Self {
-        let (chunk, index) = (self.chunk_bytes as u64, self.index_bytes);
-        let chunks = self.layout.shape.iter().zip(&self.layout.chunk_shape).map(|(size, n)| size.div_ceil(*n));
-        let all = chunks.fold(1u64, u64::saturating_mul).saturating_mul(chunk + index);
-        let bytes = bytes.max(2 * (chunk + index)).min(all);
-        self.cache = ChunkCache::new(usize::try_from(bytes).unwrap_or(usize::MAX), CACHE_SLOTS);
+        self.kept = KeptChunks::of_array(self.needs());
+        self.kept.keep_at_most(bytes);
         self
+    }
+
+    /// Keeps its chunks beside those of an image's other arrays.
+    pub(crate) fn keeping_in(mut self, kept: &KeptChunks) -> Self {
+        self.kept = kept.with_array(self.needs());
+        self
+    }
+
+    /// Bytes of two chunks with their indexes, and of all.
+    fn needs(&self) -> Needs {
+        let bytes = self.chunk_bytes as u64 + self.index_bytes;
+        let chunks = self.layout.shape.iter().zip(&self.layout.chunk_shape).map(|(size, n)| size.div_ceil(*n));
+        let all = chunks.fold(1u64, u64::saturating_mul).saturating_mul(bytes);
+        Needs { least: all.min(2 * bytes), most: all }
+    }
+
+    /// Changes the bytes of decoded chunks kept, of all arrays of an image together.
+    pub(crate) fn keep_at_most(&self, bytes: u64) {
+        self.kept.keep_at_most(bytes);
     }
 
     /// The array's folder.
@@ -162,7 +169,7 @@ impl Array {
 
     /// Most memory in bytes of decoded chunks and indexes kept.
     pub(crate) fn held_bytes(&self) -> u64 {
-        self.cache.capacity_bytes() as u64
+        self.kept.bytes()
     }
 
     /// Whether any chunk was ever written. Lists folders up to the first chunk, and reads none.
@@ -213,7 +220,7 @@ impl Array {
 
     /// Decodes a chunk which is all of the wanted box.
     fn decode_in_place(&self, place: &[u64], out: &mut [u8]) -> Result<()> {
-        if let Some(decoded) = self.cache.get(&key(CHUNKS, place.iter().copied())) {
+        if let Some(decoded) = self.kept.get(Kind::Chunk, place) {
             out.copy_from_slice(&decoded);
             return Ok(());
         }
@@ -228,28 +235,16 @@ impl Array {
 
     /// The decoded chunk at a place of the grid of chunks; `None` if it was never written.
     fn load(&self, place: &[u64]) -> Result<Option<Arc<Vec<u8>>>> {
-        let key = key(CHUNKS, place.iter().copied());
-        if let Some(decoded) = self.cache.get(&key) {
+        if let Some(decoded) = self.kept.get(Kind::Chunk, place) {
             return Ok(Some(decoded));
         }
         let Some(coded) = self.locate(place)? else { return Ok(None) };
-        self.kept(key, || {
-            let mut decoded = room(self.chunk_bytes).map_err(ImportError::io(&coded.file.path))?;
-            self.decode(coded, &mut decoded).map(|()| decoded)
-        })
-        .map(Some)
-    }
-
-    /// Bytes of the cache, or those loaded now. Threads in need of the same bytes load them once.
-    fn kept(&self, key: ChunkKey, load: impl FnOnce() -> Result<Vec<u8>>) -> Result<Arc<Vec<u8>>> {
-        let mut failure = None;
-        let kept = self.cache.get_or_insert_with(key, || {
-            load().map_err(|error| {
-                failure = Some(error);
-                hdf5_reader::error::Error::Other(String::new())
+        self.kept
+            .get_or_load(&self.path, Kind::Chunk, place, || {
+                let mut decoded = room(self.chunk_bytes).map_err(ImportError::io(&coded.file.path))?;
+                self.decode(coded, &mut decoded).map(|()| decoded)
             })
-        });
-        kept.map_err(|error| failure.unwrap_or_else(|| ImportError::invalid(&self.path, error.to_string())))
+            .map(Some)
     }
 
     /// Opens the file of a chunk, and finds its bytes there; `None` if it was never written.
@@ -262,8 +257,9 @@ impl Array {
             None => [0, file.bytes()],
             Some(shard) => {
                 // Under the file's state, so that a new file's index is read anew.
-                let key = key(INDEXES, file_place.into_iter().chain(file.state()));
-                let index = self.kept(key, || shard.read_index(&mut file, self.index_bytes))?;
+                let place_then: Vec<u64> = file_place.into_iter().chain(file.state()).collect();
+                let load = || shard.read_index(&mut file, self.index_bytes);
+                let index = self.kept.get_or_load(&self.path, Kind::Index, &place_then, load)?;
                 let counts: Vec<u64> = (0..place.len()).map(per_file).collect();
                 let inside: Vec<u64> = place.iter().zip(&counts).map(|(at, count)| at % count).collect();
                 match shard.entry(&index, shard.number_of(&inside, &counts)) {
@@ -331,10 +327,6 @@ struct Coded {
     file: ChunkFile,
     start: u64,
     bytes: u64,
-}
-
-fn key(kind: u64, numbers: impl Iterator<Item = u64>) -> ChunkKey {
-    ChunkKey { dataset_addr: kind, chunk_offsets: numbers.collect() }
 }
 
 /// Zeroed memory. Much is asked for first, since a refusal would end the process otherwise.

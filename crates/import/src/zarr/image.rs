@@ -7,6 +7,7 @@ use super::documents::Documents;
 use super::field::{Ome, attributes_file};
 use super::image_axes::arrange;
 use super::image_label;
+use super::kept_chunks::KeptChunks;
 use super::multiscales::{Level, Multiscale};
 use super::node::{Node, open_node};
 use super::omero;
@@ -40,10 +41,12 @@ pub fn open_image(path: &Path) -> Result<Image, ImportError> {
     let (folder, variable) = split_choice(path);
     let mut options = OpenOptions { variable, is_looked_at: true, ..OpenOptions::default() };
     let (target, notes) = choose(&folder, options.variable.as_deref())?;
+    let kept = KeptChunks::default();
+    let reading = Reading::Bricks(&kept);
     let image = match target {
         Target::Array(array) => {
             let folder = array.path().to_owned();
-            let source = plain::open(*array, notes, &options, Reading::Bricks)?.into();
+            let source = plain::open(*array, notes, &options, reading)?.into();
             let levels = vec![ImageLevel { source, factor: DVec3::ONE, folder }];
             return Ok(Image { levels, presentation: Presentation::default() });
         }
@@ -57,13 +60,13 @@ pub fn open_image(path: &Path) -> Result<Image, ImportError> {
     let mut notes: Vec<Note> = notes.into_iter().chain(finer_than(&image, &finest, &options)).collect();
     let mut coarser = Vec::new();
     for number in image.level + 1..image.multiscale.levels.len() {
-        match coarser_level(&image, number, &finest, &options) {
+        match coarser_level(&image, number, &finest, reading, &options) {
             Ok(level) => coarser.push(level),
             Err(error) => notes.push(Note::warning(format!("Level {number} is left out: {error}."))),
         }
     }
     let folder = finest.array.path().to_owned();
-    let source = Arc::new(finest.source(&image, notes, &options, Reading::Bricks)?);
+    let source = Arc::new(finest.source(&image, notes, &options, reading)?);
     let levels = [ImageLevel { source, factor: DVec3::ONE, folder }].into_iter().chain(coarser).collect();
     Ok(Image { levels, presentation: presentation(&image.group, sizes.channels) })
 }
@@ -72,7 +75,13 @@ pub fn open_image(path: &Path) -> Result<Image, ImportError> {
 ///
 /// # Errors
 /// If it cannot be read, has other channels or steps, or no chunk where the finest has some.
-fn coarser_level(image: &ImageTarget, number: usize, finest: &LevelArray, options: &OpenOptions) -> Result<ImageLevel> {
+fn coarser_level(
+    image: &ImageTarget,
+    number: usize,
+    finest: &LevelArray,
+    reading: Reading<'_>,
+    options: &OpenOptions,
+) -> Result<ImageLevel> {
     let opened = LevelArray::open(image, number, options)?;
     let (found, sizes) = (opened.layout.sizes(), finest.layout.sizes());
     if (found.channels, found.times) != (sizes.channels, sizes.times) {
@@ -83,7 +92,7 @@ fn coarser_level(image: &ImageTarget, number: usize, finest: &LevelArray, option
     }
     let Relation { factor, .. } = relation(image, finest, &opened);
     let folder = opened.array.path().to_owned();
-    let source = Arc::new(opened.source(image, Vec::new(), options, Reading::Bricks)?);
+    let source = Arc::new(opened.source(image, Vec::new(), options, reading)?);
     Ok(ImageLevel { source, factor, folder })
 }
 
@@ -195,7 +204,7 @@ impl LevelArray {
         image: &ImageTarget,
         notes: Vec<Note>,
         options: &OpenOptions,
-        reading: Reading,
+        reading: Reading<'_>,
     ) -> Result<ZarrSource> {
         let Self { level, array, letters, layout } = self;
         let ImageTarget { group, multiscale, is_listed, .. } = image;
@@ -222,7 +231,7 @@ impl LevelArray {
         };
         let step_time = place(&placed, &mut info);
         if info.kind.are_labels() {
-            info.notes.extend(image_label::left_out(&ome, reading == Reading::Bricks));
+            info.notes.extend(image_label::left_out(&ome, reading.is_by_bricks()));
         } else {
             info.channel_looks = omero::looks(&ome, info.channels, &mut info.notes);
         }

@@ -27,7 +27,7 @@ pub(super) fn open(
     array: Array,
     mut notes: Vec<Note>,
     options: &OpenOptions,
-    reading: Reading,
+    reading: Reading<'_>,
 ) -> Result<Box<dyn Source>> {
     let path = array.path().to_owned();
     let shape = array.shape().to_vec();

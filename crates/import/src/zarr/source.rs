@@ -3,6 +3,7 @@
 
 use super::array::Array;
 use super::documents::Documents;
+use super::kept_chunks::KeptChunks;
 use crate::axes::{Axis, Sizes};
 use crate::element::{Decode, Element, Endian};
 use crate::error::{ImportError, Result};
@@ -198,20 +199,24 @@ fn pieces(region: VoxelBox, steps: [u32; 3]) -> impl Iterator<Item = VoxelBox> {
 }
 
 /// How an array is to be read.
-#[derive(Clone, Copy, PartialEq)]
-pub(super) enum Reading {
+#[derive(Clone, Copy)]
+pub(super) enum Reading<'a> {
     /// Once and whole, in the order that suits its chunks.
     Whole,
-    /// By bricks in any order, beside other arrays.
-    Bricks,
+    /// By bricks in any order, with these chunks kept beside those of other arrays.
+    Bricks(&'a KeptChunks),
 }
 
-/// Bytes of chunks kept for bricks beside one another.
-const BRICKS_BYTES: u64 = 64 << 20;
+impl Reading<'_> {
+    /// Whether bricks are read.
+    pub(super) fn is_by_bricks(self) -> bool {
+        matches!(self, Self::Bricks(_))
+    }
+}
 
 /// An array about to be opened.
-pub(super) struct Opening {
-    pub(super) reading: Reading,
+pub(super) struct Opening<'a> {
+    pub(super) reading: Reading<'a>,
     pub(super) array: Array,
     pub(super) layout: Layout,
     pub(super) info: SourceInfo,
@@ -219,7 +224,7 @@ pub(super) struct Opening {
     pub(super) documents: Documents,
 }
 
-impl Opening {
+impl Opening<'_> {
     /// Opens the array. 64-bit numbers are looked through for those that no voxel holds.
     ///
     /// # Errors
@@ -247,10 +252,10 @@ impl Opening {
                 path.display()
             )));
         }
-        let (access, array) = match layout.layer_bytes(&array) {
-            _ if reading == Reading::Bricks => (Access::Box, array.keeping(BRICKS_BYTES)),
-            Some(layer) => (Access::Planes, array.keeping(layer)),
-            None => (Access::Box, array),
+        let (access, array) = match (reading, layout.layer_bytes(&array)) {
+            (Reading::Bricks(kept), _) => (Access::Box, array.keeping_in(kept)),
+            (Reading::Whole, Some(layer)) => (Access::Planes, array.keeping(layer)),
+            (Reading::Whole, None) => (Access::Box, array),
         };
         let is_whole = matches!(layout.decode.element, Element::I64 | Element::U64);
         let check = (is_whole && options.is_looked_at && !options.allow_lossy)
@@ -263,7 +268,7 @@ impl Opening {
             step_time,
             documents,
             check,
-            check_doubles: reading == Reading::Bricks,
+            check_doubles: reading.is_by_bricks(),
         };
         source.documents.check()?;
         Ok(source)
@@ -303,6 +308,10 @@ impl Source for ZarrSource {
 
     fn held_bytes(&self) -> u64 {
         self.array.held_bytes()
+    }
+
+    fn keep_at_most(&self, bytes: u64) {
+        self.array.keep_at_most(bytes);
     }
 
     fn reader_bytes(&self) -> u64 {

@@ -1,0 +1,129 @@
+//! Decoded chunks and indexes of shards, kept for the boxes beside them within so many bytes: those of one array, or of all levels of an image together.
+//! Those used last stay.
+
+use crate::error::{ImportError, Result};
+use hdf5_reader::cache::{ChunkCache, ChunkKey};
+use hdf5_reader::error::Error;
+use std::path::Path;
+use std::sync::{Arc, PoisonError, RwLock, RwLockWriteGuard};
+
+/// Bytes kept, unless told otherwise.
+const BYTES: u64 = 128 << 20;
+
+/// Slots of the cache, whose limit are bytes.
+const SLOTS: usize = 1 << 16;
+
+/// What is kept of an array.
+#[derive(Clone, Copy)]
+pub(super) enum Kind {
+    Chunk,
+    Index,
+}
+
+/// Bytes that arrays need in memory.
+#[derive(Clone, Copy, Default)]
+pub(super) struct Needs {
+    /// For two chunks.
+    pub(super) least: u64,
+    /// For all of them.
+    pub(super) most: u64,
+}
+
+/// One array's part of the chunks kept. A clone shares them.
+#[derive(Clone, Default)]
+pub(crate) struct KeptChunks {
+    shared: Arc<RwLock<Shared>>,
+    array: u64,
+}
+
+/// The chunks of all arrays.
+struct Shared {
+    cache: Arc<ChunkCache>,
+    arrays: u64,
+    needs: Needs,
+    wanted_bytes: u64,
+}
+
+impl Default for Shared {
+    fn default() -> Self {
+        Self { cache: Arc::new(ChunkCache::new(0, SLOTS)), arrays: 0, needs: Needs::default(), wanted_bytes: BYTES }
+    }
+}
+
+impl Shared {
+    /// Makes room for the bytes wanted, within the arrays' needs. Forgets all chunks if it changes.
+    fn resize(&mut self) {
+        let bytes = self.wanted_bytes.max(self.needs.least).min(self.needs.most);
+        let bytes = usize::try_from(bytes).unwrap_or(usize::MAX);
+        if bytes != self.cache.capacity_bytes() {
+            self.cache = Arc::new(ChunkCache::new(bytes, SLOTS));
+        }
+    }
+}
+
+impl KeptChunks {
+    /// Those of one array.
+    pub(super) fn of_array(needs: Needs) -> Self {
+        Self::default().with_array(needs)
+    }
+
+    /// These, for one more array.
+    pub(super) fn with_array(&self, Needs { least, most }: Needs) -> Self {
+        let mut shared = self.write();
+        let array = shared.arrays;
+        shared.arrays += 1;
+        shared.needs = Needs { least: shared.needs.least.max(least), most: shared.needs.most.saturating_add(most) };
+        shared.resize();
+        Self { shared: self.shared.clone(), array }
+    }
+
+    /// Keeps so many bytes: two chunks of each array at least, and all at most.
+    pub(super) fn keep_at_most(&self, bytes: u64) {
+        let mut shared = self.write();
+        shared.wanted_bytes = bytes;
+        shared.resize();
+    }
+
+    /// Most bytes kept.
+    pub(super) fn bytes(&self) -> u64 {
+        self.cache().capacity_bytes() as u64
+    }
+
+    /// The chunk or index at a place, if it is kept.
+    pub(super) fn get(&self, kind: Kind, place: &[u64]) -> Option<Arc<Vec<u8>>> {
+        self.cache().get(&self.key(kind, place))
+    }
+
+    /// The chunk or index at a place of the array at `path`, kept or loaded now. Threads in need of the same one load it once.
+    ///
+    /// # Errors
+    /// If it cannot be loaded.
+    pub(super) fn get_or_load(
+        &self,
+        path: &Path,
+        kind: Kind,
+        place: &[u64],
+        load: impl FnOnce() -> Result<Vec<u8>>,
+    ) -> Result<Arc<Vec<u8>>> {
+        let mut failure = None;
+        let kept = self.cache().get_or_insert_with(self.key(kind, place), || {
+            load().map_err(|error| {
+                failure = Some(error);
+                Error::Other(String::new())
+            })
+        });
+        kept.map_err(|error| failure.unwrap_or_else(|| ImportError::invalid(path, error.to_string())))
+    }
+
+    fn key(&self, kind: Kind, place: &[u64]) -> ChunkKey {
+        ChunkKey { dataset_addr: 2 * self.array + kind as u64, chunk_offsets: place.iter().copied().collect() }
+    }
+
+    fn cache(&self) -> Arc<ChunkCache> {
+        self.shared.read().unwrap_or_else(PoisonError::into_inner).cache.clone()
+    }
+
+    fn write(&self) -> RwLockWriteGuard<'_, Shared> {
+        self.shared.write().unwrap_or_else(PoisonError::into_inner)
+    }
+}
