@@ -3,6 +3,7 @@
 //! Ctrl-C.
 
 mod advice;
+mod allocator;
 mod append;
 mod bench;
 mod bench_play;
@@ -143,6 +144,7 @@ enum Command {
 }
 
 fn main() -> ExitCode {
+    allocator::map_large_blocks();
     if std::env::var_os("XDG_RUNTIME_DIR").is_none() {
         // Without that folder Mesa's device-select layer, useless to this program, prints an error per adapter.
         // SAFETY: no other thread that could read the environment exists yet.
