@@ -127,3 +127,41 @@ impl KeptChunks {
         self.shared.write().unwrap_or_else(PoisonError::into_inner)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn load(kept: &KeptChunks, place: u64, bytes: usize) -> Arc<Vec<u8>> {
+        kept.get_or_load(Path::new("a"), Kind::Chunk, &[place], || Ok(vec![place as u8; bytes])).unwrap()
+    }
+
+    #[test]
+    fn arrays_share_one_bound() {
+        let image = KeptChunks::default();
+        let arrays = [1, 2, 3].map(|_| image.with_array(Needs { least: 200, most: 1000 }));
+        assert_eq!(arrays[0].bytes(), 3000, "no more than all chunks");
+        arrays[1].keep_at_most(500);
+        assert!(arrays.iter().all(|array| array.bytes() == 500));
+        arrays[2].keep_at_most(10);
+        assert_eq!(arrays[0].bytes(), 200, "two chunks at least");
+        arrays[0].keep_at_most(500);
+        for place in 0..10 {
+            arrays.iter().for_each(|array| drop(load(array, place, 100)));
+        }
+        let kept = arrays.iter().map(|array| (0..10).filter(|at| array.get(Kind::Chunk, &[*at]).is_some()).count());
+        assert_eq!(kept.sum::<usize>(), 5);
+    }
+
+    #[test]
+    fn places_of_other_arrays_and_kinds_are_others() {
+        let image = KeptChunks::default();
+        let [a, b] = [1, 2].map(|_| image.with_array(Needs { least: 10, most: 1000 }));
+        assert_eq!(*load(&a, 7, 5), [7; 5]);
+        assert!(b.get(Kind::Chunk, &[7]).is_none() && a.get(Kind::Index, &[7]).is_none());
+        let failed =
+            b.get_or_load(Path::new("a"), Kind::Chunk, &[7], || Err(ImportError::invalid(Path::new("b"), "x")));
+        assert!(failed.unwrap_err().to_string().contains("b: x"));
+        assert_eq!(*load(&b, 7, 3), [7; 3], "a failure is not kept");
+    }
+}
