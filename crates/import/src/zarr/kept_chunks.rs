@@ -46,7 +46,7 @@ struct Shared {
 
 impl Default for Shared {
     fn default() -> Self {
-        Self { cache: Arc::new(ChunkCache::new(0, SLOTS)), arrays: 0, needs: Needs::default(), wanted_bytes: BYTES }
+        Self { cache: Arc::new(ChunkCache::new(0, 1)), arrays: 0, needs: Needs::default(), wanted_bytes: BYTES }
     }
 }
 
