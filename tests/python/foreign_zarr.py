@@ -3,7 +3,9 @@
 import functools
 import itertools
 import json
+import math
 import os
+import re
 import shutil
 import subprocess
 
@@ -152,6 +154,54 @@ def coarse_levels_are_made_and_kept():
     os.environ["BRICKYARD_CACHE"] = str(FOLDER / "cache")
 
 
+def copies_that_keep_times_are_other_files():
+    array = smooth(150, 70, 67)
+    path = write("a.zarr", array, (50, 70, 67), compressors=None)
+    brickyard("index", path, "--progress", "none")
+    check(info(path)["exact_statistics"] and same_bits(exported(path, "--level", 0), array))
+    first = exported(path, "--level", 1)
+    other = write("b.zarr", 65535 - array, (50, 70, 67), compressors=None)
+    # All files of another image, of the same sizes and times.
+    for old in [p for p in path.rglob("*") if p.is_file()]:
+        new, then = other / old.relative_to(path), old.stat()
+        old.write_bytes(new.read_bytes())
+        os.utime(old, ns=(then.st_atime_ns, then.st_mtime_ns))
+    check(exported(path, "--level", 1).min() > 60000 and first.max() < 5000, "stale levels")
+    found = [info(path)["store"]["channels"][0][key] for key in ("range", "mean")]
+    check(found[0][0] > 60000 and found[1] > 60000, "stale statistics", found)
+    brickyard("index", path, "--progress", "none")
+    check(info(path)["store"]["channels"][0]["range"] == [float((65535 - array).min()), float((65535 - array).max())])
+
+
+def channels_and_volumes_share_a_budget():
+    planes = smooth(24, 256, 512)
+    many = image("m.zarr", [np.stack([planes] * 6)], axes="czyx", chunks=(1, 256, 512))
+    others = [image(f"v{k}.zarr", [planes], chunks=(1, 256, 512)) for k in range(4)]
+    look = ["-o", "a.png", "--backend", "cpu", "--size", "80x60", "--overwrite"]
+    for volumes in ([many], others, [others[0]] * 4):
+        for budget in ("64MiB", "512MiB"):
+            brickyard("render", *volumes, *look, "--host-memory", budget)
+        done = subprocess.run([COMMAND, "render", *map(str, volumes), *look, "--host-memory", "1MiB"], capture_output=True, text=True, cwd=FOLDER)
+        least = re.search(r"at least ([0-9.]+) MiB", done.stderr)
+        check(done.returncode == 2 and least, done.stderr)
+        # What the message asks for is enough.
+        brickyard("render", *volumes, *look, "--host-memory", f"{math.ceil(float(least[1]) + 0.1)}MiB")
+
+
+def documents_of_others_need_not_suit_a_store():
+    array = smooth(20, 30, 40)
+    for version in ("0.6", "0.6rc0"):
+        group = zarr.create_group(FOLDER / "d.zarr", zarr_format=3, overwrite=True)
+        group.create_array("0", shape=array.shape, dtype=array.dtype, chunks=(20, 30, 40))[...] = array
+        systems = [{"name": "a", "axes": [{"name": n, "type": "space"} for n in "zyx"]}]
+        step = {"type": "scale", "scale": [1, 2, 3], "input": {"path": "./0"}, "output": {"name": "a"}}
+        datasets = [{"path": "0", "coordinateTransformations": [step]}]
+        group.attrs["ome"] = {"version": version, "multiscales": [{"coordinateSystems": systems, "datasets": datasets}]}
+        check(info("d.zarr")["spacing"] == [3, 2, 1] and same_bits(exported("d.zarr"), array), version)
+    path = image("n.zarr", [array], extra={"omero": {"channels": [{"window": {"start": float("nan"), "end": 9.0}}]}})
+    check("NaN" in (path / "zarr.json").read_text() and same_bits(exported(path), array))
+
+
 def an_index_makes_statistics_exact():
     array = np.where(RANDOM.random((2, 100, 110, 120)) < 1e-5, np.float32(1e6), noise("f4", 2, 100, 110, 120))
     path = image("i.zarr", [array], axes="czyx")
@@ -210,6 +260,9 @@ run_cases({
     "half, double and 64 bits": half_double_and_64_bits,
     "pictures": pictures_equal_a_packed_store_s,
     "coarse levels": coarse_levels_are_made_and_kept,
+    "copies that keep times": copies_that_keep_times_are_other_files,
+    "a shared budget": channels_and_volumes_share_a_budget,
+    "documents of others": documents_of_others_need_not_suit_a_store,
     "an index": an_index_makes_statistics_exact,
     "several": one_of_several_is_chosen,
     "damage": damage_is_named_and_others_stores_are_only_read,

@@ -19,6 +19,8 @@ pub(crate) struct Losses<'a> {
     first_path: &'a Path,
     decode: Decode,
     allowed: bool,
+    /// Whether voxels are read where they lie, with nothing to allow.
+    is_in_place: bool,
     /// Whether the numbers are labels, none of which may become another.
     are_labels: bool,
     /// The no-data value, from the file, the user or the steps before.
@@ -87,6 +89,7 @@ impl<'a> Losses<'a> {
             first_path: path,
             decode,
             allowed: options.allow_lossy && !are_labels,
+            is_in_place: false,
             are_labels,
             nodata: told_nodata(nodata.filter(|_| !is_marked).or(decode.scale.and_then(|scale| scale.nodata)), options),
             count: 0,
@@ -96,6 +99,11 @@ impl<'a> Losses<'a> {
             has_negative: false,
             has_great: is_open && options.held_as.is_some_and(|held| held.voxel_type == VoxelType::U32),
         })
+    }
+
+    /// For voxels read where they lie.
+    pub(crate) fn in_place(self) -> Self {
+        Self { is_in_place: true, ..self }
     }
 
     /// Decoding for the numbers seen: signed labels become unsigned if only u32 holds them.
@@ -256,6 +264,12 @@ impl<'a> Losses<'a> {
                 true => "and rounded or clamped labels become others: number them anew from 1, as \
                          fastremap.renumber(array) does in Python, which also gives the table of old and new numbers"
                     .into(),
+                false if self.is_in_place => {
+                    format!(
+                        "`brickyard pack` makes a store with such values {}, if losses are allowed",
+                        self.what_becomes_of(fate)
+                    )
+                }
                 false => format!("pass `allow_lossy` to have such values {}", self.what_becomes_of(fate)),
             };
             let (name, held_as) = (self.decode.element.name(), self.decode.voxel_type());

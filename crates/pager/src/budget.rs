@@ -5,6 +5,7 @@
 //! `slots * padded bytes`, allocated once.
 
 use crate::slot_contents::SlotContents;
+use crate::source::BrickSource;
 use crate::upload_budget::UploadLimits;
 use brickyard_volume::numbers::mebibytes;
 use brickyard_volume::sampling::MAX_REACH;
@@ -170,6 +171,15 @@ pub(crate) const MAX_STAGED: u64 = 256;
 /// Least sufficient host budget in bytes: the fixed part, and the simultaneous needs of one worker.
 pub(crate) fn least_host(BufferSizes { fixed, scratch, core, padded }: BufferSizes) -> u64 {
     fixed + scratch + core + padded
+}
+
+/// Lets a source keep decoded chunks in a quarter of what a host budget leaves beside the least, and returns the sizes then. `sizes` counts what the
+/// source keeps at most. The least is counted with as little kept as reading allows, so a budget of it suffices.
+pub(crate) fn fit(source: &dyn BrickSource, host_bytes: u64, sizes: impl Fn() -> BufferSizes) -> BufferSizes {
+    source.keep_at_most(0);
+    let left = host_bytes.saturating_sub(least_host(sizes()));
+    source.keep_at_most(left / 4);
+    sizes()
 }
 
 /// Splits a host budget: at most an eighth for padded bricks, but one per worker, and the rest for cores. Every worker needs its scratch, a

@@ -6,7 +6,7 @@
 //! uploaded once per picture. At most a quarter of the host budget goes to the cut, the only part that grows with the working set.
 
 use crate::assemble::PaddedReader;
-use crate::budget::{BufferSizes, HostSplit, Meter, PagerConfig, PagerError, TABLE_BYTES_PER_SLOT, split_host};
+use crate::budget::{BufferSizes, HostSplit, Meter, PagerConfig, PagerError, TABLE_BYTES_PER_SLOT, fit, split_host};
 use crate::buffer_lru::zeroed;
 use crate::cut::{Cut, View};
 use crate::dither::PixelShare;
@@ -99,7 +99,6 @@ impl ExactPasses {
     pub fn new(source: Arc<dyn BrickSource>, view: &View, config: &PagerConfig) -> Result<Self, ExactError> {
         let contents = config.contents.first().cloned().unwrap_or_default();
         let host_bytes = config.host_bytes;
-        source.fit(host_bytes);
         let layout = Layout::new(&*source, config.apron, config.gradient_layers, &contents)?;
         let max_cells = (host_bytes / 4 / BYTES_PER_CELL) as usize;
         let cut = Cut::new(&*source, view, max_cells);
@@ -112,14 +111,13 @@ impl ExactPasses {
         drop(cut);
         let padded = layout.padded_bytes() as u64;
         let slots = config.slots.max(1) as usize;
-        let sizes = BufferSizes {
-            fixed: cells.len() as u64 * BYTES_PER_CELL
-                + slots.min(cells.len()) as u64 * TABLE_BYTES_PER_SLOT
-                + source.cache_bytes(),
+        let tables = cells.len() as u64 * BYTES_PER_CELL + slots.min(cells.len()) as u64 * TABLE_BYTES_PER_SLOT;
+        let sizes = fit(&*source, host_bytes, || BufferSizes {
+            fixed: tables + source.cache_bytes(),
             scratch: layout.scratch_bytes(&*source),
             core: layout.cached_bytes() as u64,
             padded,
-        };
+        });
         let HostSplit { workers, staged, cores } = split_host(host_bytes, config.workers, sizes)?;
         let meter = Arc::new(Meter::new(host_bytes));
         meter.charge(sizes.fixed + workers as u64 * sizes.scratch + staged as u64 * padded);

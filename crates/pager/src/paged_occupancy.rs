@@ -211,8 +211,8 @@ impl BrickSource for PagedOccupancy {
     fn bytes_read(&self) -> u64 {
         self.source.bytes_read()
     }
-    fn fit(&self, host_bytes: u64) {
-        self.source.fit(host_bytes);
+    fn keep_at_most(&self, bytes: u64) {
+        self.source.keep_at_most(bytes);
     }
 
     fn cache_bytes(&self) -> u64 {

@@ -1,6 +1,6 @@
 //! A paged volume: its RAM cache with the workers that fill it, its visibility feedback, and its last draw list.
 
-use crate::budget::{BufferSizes, HostSplit, Meter, PagerConfig, PagerError, Planning, split_host};
+use crate::budget::{BufferSizes, HostSplit, Meter, PagerConfig, PagerError, Planning, fit, split_host};
 use crate::cut::{Cut, NodeId, View};
 use crate::draw_list::DrawList;
 use crate::goal::Goal;
@@ -85,9 +85,8 @@ impl PagedVolume {
         held: &Arc<SlotsByContent>,
         kept: Option<KeptCores>,
     ) -> Result<Self, PagerError> {
-        source.fit(host_bytes);
         let layout = Layout::new(&**source, config.apron, config.gradient_layers, contents)?;
-        let sizes = buffer_sizes(&**source, &layout, config.planning, host_bytes);
+        let sizes = fit(&**source, host_bytes, || buffer_sizes(&**source, &layout, config.planning, host_bytes));
         let HostSplit { workers, staged, cores } = split_host(host_bytes, config.workers, sizes)?;
         meter.charge(sizes.fixed + workers as u64 * sizes.scratch);
         let cache =

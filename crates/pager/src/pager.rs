@@ -397,8 +397,8 @@ fn volume_request(
     contents: &SlotContents,
     config: &PagerConfig,
 ) -> Result<BudgetRequest, PagerError> {
-    source.fit(config.host_bytes);
     let layout = Layout::new(source, config.apron, config.gradient_layers, contents)?;
+    source.keep_at_most(0);
     let sizes = buffer_sizes(source, &layout, config.planning, config.host_bytes);
     let BufferSizes { fixed, scratch, core, padded } = sizes;
     let workers = config.workers.max(1) as u64;

@@ -157,8 +157,8 @@ pub trait BrickSource: Send + Sync {
     fn bytes_read(&self) -> u64 {
         0
     }
-    /// Fits what the source keeps to a reader's share of the host budget. Called before its first read.
-    fn fit(&self, _host_bytes: u64) {}
+    /// Bounds what the source keeps in memory for later reads; the least that reads need stays. Called before a reader's first read.
+    fn keep_at_most(&self, _bytes: u64) {}
     /// Peak memory in bytes of the source itself during reads, whatever the volume's size. Part of the reader's host budget, so memory
     /// shared by many readers is excluded.
     fn cache_bytes(&self) -> u64 {

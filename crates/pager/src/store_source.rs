@@ -98,8 +98,8 @@ impl BrickSource for Store {
         self.bytes_read()
     }
 
-    fn fit(&self, host_bytes: u64) {
-        self.fit(host_bytes);
+    fn keep_at_most(&self, bytes: u64) {
+        self.keep_at_most(bytes);
     }
 
     fn cache_bytes(&self) -> u64 {

@@ -123,6 +123,11 @@ pub enum OpenError {
 }
 
 impl OpenError {
+    /// Whether a document is no JSON.
+    pub(crate) fn is_of_json(&self) -> bool {
+        matches!(self, Self::Invalid { field, expected, .. } if field == "document" && expected == "JSON")
+    }
+
     pub(crate) fn invalid(
         path: &Path,
         field: impl Into<String>,

@@ -312,9 +312,9 @@ impl Foreign {
         self.bytes_read.load(Ordering::Relaxed)
     }
 
-    /// Keeps decoded chunks of all levels in a quarter of so many bytes, or in the least that reading needs.
-    pub(crate) fn fit(&self, host_bytes: u64) {
-        self.image.levels[0].source.keep_at_most(host_bytes / 4);
+    /// Bounds the decoded chunks kept of all levels together.
+    pub(crate) fn keep_at_most(&self, bytes: u64) {
+        self.image.levels[0].source.keep_at_most(bytes);
     }
 
     /// Most memory of the readers and of made bricks, with as many threads as processors.

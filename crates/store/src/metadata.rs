@@ -21,7 +21,7 @@ use brickyard_volume::{
 pub(crate) use documents::{array_document, bytes_codec, sharding_codecs, voxel_documents};
 pub use documents::{document_bytes, level_document, root_document};
 pub(crate) use parse::{
-    OTHERS_STORE, check_array, parse_displays, parse_geometry, parse_info, parse_label_colors, parse_layout,
+    OTHERS_STORE, check_array, check_own, parse_displays, parse_geometry, parse_info, parse_label_colors, parse_layout,
     parse_placement, parse_unchecked_geometry,
 };
 use serde::{Deserialize, Serialize};

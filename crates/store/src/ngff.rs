@@ -13,7 +13,7 @@ mod tests;
 use crate::error::OpenError;
 use crate::folder::Folder;
 use crate::json::parse_json;
-use crate::metadata::document_bytes;
+use crate::metadata::{check_own, document_bytes};
 use multiscale::Strange;
 use patient::Patient;
 use serde_json::{Value, json};
@@ -93,6 +93,8 @@ impl Root {
     /// As for [`Root::read`].
     pub(crate) fn parse(path: &Path, text: &[u8]) -> Result<Self, OpenError> {
         let found = parse_json(path, text)?;
+        // Another program's may say what a conversion refuses.
+        check_own(path, &found)?;
         match Ngff::of(&found) {
             Some(ngff @ Ngff::V06) => {
                 let document = in_version(path, &found, Ngff::V05)?;

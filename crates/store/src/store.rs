@@ -100,6 +100,8 @@ impl Store {
         }
         match Self::open_own_at(path.clone(), mode, method) {
             Err(OpenError::Unsupported { advice: OTHERS_STORE, .. }) if foreign::is_foreign(&path) => foreign(),
+            // Python writes numbers into documents that JSON lacks, and reads them.
+            Err(error) if error.is_of_json() && foreign::is_foreign(&path) => foreign().or(Err(error)),
             own => own,
         }
     }
@@ -536,10 +538,10 @@ impl Store {
         Ok(page.core(place))
     }
 
-    /// Fits what is kept of another program's image to a reader's memory of so many bytes. Brickyard's own stores keep little.
-    pub fn fit(&self, host_bytes: u64) {
+    /// Bounds the decoded chunks kept of another program's image; the least that reading needs stay. Brickyard's own stores keep little.
+    pub fn keep_at_most(&self, bytes: u64) {
         if let Bricks::Foreign(foreign) = &self.bricks {
-            foreign.fit(host_bytes);
+            foreign.keep_at_most(bytes);
         }
     }
 

@@ -244,6 +244,10 @@ impl Opening<'_> {
             layout.decode = losses.decode();
             info.voxel_type = layout.decode.voxel_type();
         }
+        if reading.is_by_bricks() && layout.decode.element == Element::F64 {
+            let note = "Voxels are float64 and are read as float32, the nearest each; `brickyard pack` tells if any is changed by that.";
+            info.notes.push(Note::new(note));
+        }
         if !array.has_any_chunk()? {
             let fill = array.element().numbers(Endian::Little, array.fill());
             let fill = fill.first().map_or(String::new(), |fill| format!(", {fill}"));
@@ -279,7 +283,13 @@ impl Opening<'_> {
 fn check_doubles(elements: &[u8], path: &Path) -> Result<()> {
     let numbers = elements.as_chunks::<8>().0.iter().map(|bytes| f64::from_le_bytes(*bytes));
     match numbers.into_iter().find(|number| number.is_finite() && !(*number as f32).is_finite()) {
-        Some(number) => Err(ImportError::invalid(path, format!("{number} is beyond the numbers that f32 holds"))),
+        Some(number) => {
+            let problem = format!(
+                "voxels are float64, and the value {number:e} is beyond the numbers that f32 holds; `brickyard pack` makes a store with such values \
+                 infinite, if losses are allowed"
+            );
+            Err(ImportError::invalid(path, problem))
+        }
         None => Ok(()),
     }
 }
@@ -337,8 +347,8 @@ impl Source for ZarrSource {
                 }
                 if let Some(options) = &self.check {
                     let decode = self.layout.decode;
-                    let mut losses = Losses::may_occur(self.array.path(), decode, self.info.nodata, options);
-                    losses.iter_mut().try_for_each(|losses| losses.see(&elements))?;
+                    let losses = Losses::may_occur(self.array.path(), decode, self.info.nodata, options);
+                    losses.map(Losses::in_place).iter_mut().try_for_each(|losses| losses.see(&elements))?;
                 }
                 self.layout.decode_piece(&elements, piece, region, out);
             }

@@ -1,11 +1,12 @@
-//! The state of an array's files: their names, sizes and times. Bricks made from an array are kept for this state alone.
+//! The state of an array's files: their names, sizes, and times of change, of contents and of the file itself. Bricks made from an array are kept for this state alone.
 //!
 //! Costs a look at each file: some microseconds. Arrays of more than [`MOST_FILES`] have none, and what is made from them is kept in memory alone.
 
 use std::fs;
 use std::io;
+use std::os::unix::fs::MetadataExt;
 use std::path::Path;
-use std::time::{SystemTime, UNIX_EPOCH};
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
 use xxhash_rust::xxh3::xxh3_64;
 
 /// Most files and folders looked at.
@@ -44,14 +45,22 @@ fn of_files(array: &Path, may_take: &mut dyn FnMut(SystemTime) -> bool) -> io::R
                 folders.push(entry.path());
                 continue;
             }
+            // A copy may bring a time of change along, but never a time of its entry in the folder.
+            let entered = UNIX_EPOCH + Duration::new(file.ctime().max(0) as u64, file.ctime_nsec().max(0) as u32);
             let modified = file.modified()?;
-            if !may_take(modified) {
+            if !may_take(modified.max(entered)) {
                 return Ok(None);
             }
-            let nanoseconds = modified.duration_since(UNIX_EPOCH).map_or(0, |since| since.as_nanos());
+            let [modified, entered] =
+                [modified, entered].map(|time| time.duration_since(UNIX_EPOCH).map_or(0, |since| since.as_nanos()));
             let path = entry.path();
             let name = path.strip_prefix(array).unwrap_or(&path).as_os_str().as_encoded_bytes();
-            let facts = [&xxh3_64(name).to_le_bytes()[..], &file.len().to_le_bytes(), &nanoseconds.to_le_bytes()];
+            let facts = [
+                &xxh3_64(name).to_le_bytes()[..],
+                &file.len().to_le_bytes(),
+                &modified.to_le_bytes(),
+                &entered.to_le_bytes(),
+            ];
             // A sum: the system lists files in any order.
             state = state.wrapping_add(xxh3_64(&facts.concat()));
         }
@@ -77,6 +86,11 @@ mod tests {
         fs::write(&file, "two").unwrap();
         fs::File::options().write(true).open(&file).unwrap().set_modified(later).unwrap();
         let second = of(array.path(), far).unwrap();
+        // As copies that keep times do.
+        fs::write(&file, "six").unwrap();
+        fs::File::options().write(true).open(&file).unwrap().set_modified(later).unwrap();
+        let restored = of(array.path(), far).unwrap();
+        assert!(restored != first && restored != second);
         fs::rename(&file, file.with_file_name("2")).unwrap();
         let third = of(array.path(), far).unwrap();
         assert!(first != second && second != third);

@@ -42,14 +42,20 @@ fn is_longer(expected: &Value, found: &Value) -> bool {
 pub(crate) const OTHERS_STORE: &str =
     "it is drawn and exported where it lies; 'brickyard pack INPUT STORE' makes a store of it";
 
+/// Refuses another program's root document.
+pub(crate) fn check_own(path: &Path, root: &Value) -> Result<(), OpenError> {
+    if !root["attributes"]["brickyard"].is_null() {
+        return Ok(());
+    }
+    let feature = "a Zarr without brickyard's side data".into();
+    Err(OpenError::Unsupported { path: path.into(), feature, advice: OTHERS_STORE })
+}
+
 /// Reads settings and statistics from the root document.
 pub(crate) fn parse_info(path: &Path, root: &Value) -> Result<StoreInfo, OpenError> {
+    check_own(path, root)?;
     let attributes = &root["attributes"];
     let ours = &attributes["brickyard"];
-    if ours.is_null() {
-        let feature = "a Zarr without brickyard's side data".into();
-        return Err(OpenError::Unsupported { path: path.into(), feature, advice: OTHERS_STORE });
-    }
     match ours["version"].as_u64() {
         Some(version) if version == u64::from(FORMAT_VERSION) => {}
         Some(version) if version < u64::from(FORMAT_VERSION) => {
