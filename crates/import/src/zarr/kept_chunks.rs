@@ -13,7 +13,7 @@ const BYTES: u64 = 128 << 20;
 /// Slots of the cache, whose limit are bytes.
 const SLOTS: usize = 1 << 16;
 
-/// What is kept of an array.
+/// A kind of bytes kept of an array.
 #[derive(Clone, Copy)]
 pub(super) enum Kind {
     Chunk,

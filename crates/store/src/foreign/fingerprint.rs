@@ -1,4 +1,4 @@
-//! The state of an array's files: their names, sizes, and times of change, of contents and of the file itself. Bricks made from an array are kept for this state alone.
+//! The state of an array's files: their names, sizes and times. Bricks made from an array are kept for this state alone.
 //!
 //! Costs a look at each file: some microseconds. Arrays of more than [`MOST_FILES`] have none, and what is made from them is kept in memory alone.
 
@@ -20,19 +20,28 @@ pub(crate) fn of(array: &Path, opened: SystemTime) -> Option<u64> {
         looked_at += 1;
         looked_at <= MOST_FILES && modified <= opened
     };
-    of_files(array, &mut may_take).ok().flatten()
+    of_files(array, Times::OfEntries, &mut may_take).ok().flatten()
 }
 
-/// The state of all files of a folder, however many and of any times.
+/// The state of all files of a folder, however many and of any times; a further link to a file leaves it the same.
 ///
 /// # Errors
 /// If one cannot be looked at.
 pub(crate) fn of_all(folder: &Path) -> io::Result<u64> {
-    of_files(folder, &mut |_| true).map(Option::unwrap_or_default)
+    of_files(folder, Times::OfContents, &mut |_| true).map(Option::unwrap_or_default)
+}
+
+/// Times that are part of a state.
+#[derive(Clone, Copy, PartialEq)]
+enum Times {
+    /// Of the last change of contents, which a copy may bring along.
+    OfContents,
+    /// Of the last change of the file's entry, too: no program sets this one, and links change it.
+    OfEntries,
 }
 
 /// The state of a folder's files; `None` if `may_take` refuses the time of a file or folder.
-fn of_files(array: &Path, may_take: &mut dyn FnMut(SystemTime) -> bool) -> io::Result<Option<u64>> {
+fn of_files(array: &Path, times: Times, may_take: &mut dyn FnMut(SystemTime) -> bool) -> io::Result<Option<u64>> {
     let (mut folders, mut state) = (vec![array.to_path_buf()], 0u64);
     while let Some(folder) = folders.pop() {
         for entry in fs::read_dir(&folder)? {
@@ -45,9 +54,13 @@ fn of_files(array: &Path, may_take: &mut dyn FnMut(SystemTime) -> bool) -> io::R
                 folders.push(entry.path());
                 continue;
             }
-            // A copy may bring a time of change along, but never a time of its entry in the folder.
-            let entered = UNIX_EPOCH + Duration::new(file.ctime().max(0) as u64, file.ctime_nsec().max(0) as u32);
             let modified = file.modified()?;
+            let entered = match times {
+                Times::OfContents => modified,
+                Times::OfEntries => {
+                    UNIX_EPOCH + Duration::new(file.ctime().max(0) as u64, file.ctime_nsec().max(0) as u32)
+                }
+            };
             if !may_take(modified.max(entered)) {
                 return Ok(None);
             }
@@ -96,6 +109,10 @@ mod tests {
         assert!(first != second && second != third);
         assert_eq!(of(array.path(), UNIX_EPOCH), None, "written to since");
         assert_eq!(of(&array.path().join("missing"), far), None);
-        assert!(of_all(&array.path().join("missing")).is_err() && of_all(array.path()).unwrap() == third);
+        assert!(of_all(&array.path().join("missing")).is_err());
+        let of_contents = of_all(array.path()).unwrap();
+        let beside = tempfile::tempdir().unwrap();
+        fs::hard_link(file.with_file_name("2"), beside.path().join("2")).unwrap();
+        assert!(of_all(array.path()).unwrap() == of_contents && of(array.path(), far) != Some(third));
     }
 }
