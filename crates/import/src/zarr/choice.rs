@@ -194,9 +194,8 @@ fn image_around(array: &Array) -> Result<Option<ImageTarget>> {
     let folder = std::path::absolute(array.path()).map_err(ImportError::io(array.path()))?;
     for around in folder.ancestors().skip(1).take(MOST_FOLDERS) {
         let Ok(Some(Node::Group(group))) = open_node(around) else { continue };
-        let Some(multiscale) = Multiscale::of(&Ome::of(&group))? else { continue };
         let is_it = |path: &str| inside(path).is_ok_and(|path| around.join(path) == folder);
-        if let Some(level) = multiscale.levels.iter().position(|level| is_it(&level.path)) {
+        if let Some((multiscale, level)) = Multiscale::with_level(&Ome::of(&group), &is_it)? {
             let is_listed = is_listed(group.path())?;
             return Ok(Some(ImageTarget { group, multiscale, level, is_listed }));
         }

@@ -63,11 +63,29 @@ impl Multiscale {
                 items.len()
             )));
         }
-        match first.get("coordinateSystems") {
-            Some(systems) => Self::with_systems(first, &systems, notes),
-            None => Self::with_axes(first, notes),
+        Self::of_item(first, notes).map(Some)
+    }
+
+    /// The image, among all of a group, with a level whose path is the one sought, and the level's number; `None` if none has it.
+    ///
+    /// # Errors
+    /// If an image before it, or itself, is damaged.
+    pub(super) fn with_level(ome: &Ome<'_>, is_sought: &dyn Fn(&str) -> bool) -> Result<Option<(Self, usize)>> {
+        let Some(list) = ome.get("multiscales") else { return Ok(None) };
+        for item in &list.items("a list of images")? {
+            let image = Self::of_item(item, Vec::new())?;
+            if let Some(level) = image.levels.iter().position(|level| is_sought(&level.path)) {
+                return Ok(Some((image, level)));
+            }
         }
-        .map(Some)
+        Ok(None)
+    }
+
+    fn of_item(item: &Field<'_>, notes: Vec<Note>) -> Result<Self> {
+        match item.get("coordinateSystems") {
+            Some(systems) => Self::with_systems(item, &systems, notes),
+            None => Self::with_axes(item, notes),
+        }
     }
 
     /// Reads an image of 0.1 to 0.5, whose own transformations follow those of each level.
@@ -472,5 +490,11 @@ mod tests {
                 .contains("The first of 2 multiscales is read; the others are left out: b.")
         );
         assert!(Multiscale::of(&Ome::in_test(&json!({ "plate": {} }))).unwrap().is_none());
+        let image = |path: &str| json!({ "axes": ["z", "y", "x"], "datasets": [{ "path": path }] });
+        let both = json!({ "multiscales": [image("0"), image("other")] });
+        let found = |path: &str| Multiscale::with_level(&Ome::in_test(&both), &|other| other == path).unwrap();
+        assert!(found("0").is_some_and(|(image, level)| level == 0 && image.levels[0].path == "0"));
+        assert!(found("other").is_some_and(|(image, level)| level == 0 && image.levels[0].path == "other"));
+        assert!(found("missing").is_none());
     }
 }
