@@ -321,7 +321,7 @@ impl Foreign {
     pub(crate) fn cache_bytes(&self) -> u64 {
         let threads = std::thread::available_parallelism().map_or(1, |n| n.get()) as u64;
         let used = || self.image.levels.iter().map(|level| &level.source).filter(|source| self.levels.uses(source));
-        // Of all levels together.
+        // All levels share one bound.
         let held = used().map(|source| source.held_bytes()).max().unwrap_or(0);
         // A thread reads one level at a time.
         let reading = used().map(|source| source.reader_bytes()).max().unwrap_or(0);

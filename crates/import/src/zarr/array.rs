@@ -79,7 +79,7 @@ impl Array {
             }
         };
         let strides = layout.chunk_strides();
-        let mut array = Self {
+        let array = Self {
             path,
             version,
             attributes,
@@ -92,15 +92,7 @@ impl Array {
             index_bytes,
             strides,
         };
-        array.kept = KeptChunks::of_array(array.needs());
-        Ok(array)
-    }
-
-    /// Keeps so many bytes of decoded chunks for boxes beside them, two chunks with their indexes at least, and the array at most.
-    pub(crate) fn keeping(mut self, bytes: u64) -> Self {
-        self.kept = KeptChunks::of_array(self.needs());
-        self.kept.keep_at_most(bytes);
-        self
+        Ok(array.keeping_in(&KeptChunks::default()))
     }
 
     /// Keeps its chunks beside those of an image's other arrays.
@@ -117,7 +109,8 @@ impl Array {
         Needs { least: all.min(2 * bytes), most: all }
     }
 
-    /// Changes the bytes of decoded chunks kept, of all arrays of an image together.
+    /// Changes the bytes of decoded chunks kept for boxes beside them, of all arrays that share them: two chunks with their indexes at least, and all
+    /// at most.
     pub(crate) fn keep_at_most(&self, bytes: u64) {
         self.kept.keep_at_most(bytes);
     }

@@ -62,12 +62,7 @@ impl Shared {
 }
 
 impl KeptChunks {
-    /// Those of one array.
-    pub(super) fn of_array(needs: Needs) -> Self {
-        Self::default().with_array(needs)
-    }
-
-    /// These, for one more array.
+    /// A further array's part of the same chunks.
     pub(super) fn with_array(&self, Needs { least, most }: Needs) -> Self {
         let mut shared = self.write();
         let array = shared.arrays;

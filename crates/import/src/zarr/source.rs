@@ -258,7 +258,10 @@ impl Opening<'_> {
         }
         let (access, array) = match (reading, layout.layer_bytes(&array)) {
             (Reading::Bricks(kept), _) => (Access::Box, array.keeping_in(kept)),
-            (Reading::Whole, Some(layer)) => (Access::Planes, array.keeping(layer)),
+            (Reading::Whole, Some(layer)) => {
+                array.keep_at_most(layer);
+                (Access::Planes, array)
+            }
             (Reading::Whole, None) => (Access::Box, array),
         };
         let is_whole = matches!(layout.decode.element, Element::I64 | Element::U64);

@@ -82,14 +82,6 @@ impl Cache {
         });
     }
 
-    /// Deletes the folder of one state.
-    pub(crate) fn forget(&self, state: &str) {
-        if let Some(folder) = &self.folder {
-            // Whatever cannot be deleted is written over.
-            drop(fs::remove_dir_all(folder.join(state)));
-        }
-    }
-
     /// Sets room for so many bytes aside, for [`Cache::write_reserved`]; false if there is none.
     pub(crate) fn reserve(&self, bytes: u64) -> bool {
         let Some(folder) = &self.folder else { return false };

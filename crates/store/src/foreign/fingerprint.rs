@@ -34,9 +34,9 @@ pub(crate) fn of_all(folder: &Path) -> io::Result<u64> {
 /// Times that are part of a state.
 #[derive(Clone, Copy, PartialEq)]
 enum Times {
-    /// Of the last change of contents, which a copy may bring along.
+    /// Time of the last change of contents, which a copy may bring along.
     OfContents,
-    /// Of the last change of the file's entry, too: no program sets this one, and links change it.
+    /// Time of the last change of the file's entry, too: no program sets it, and links change it.
     OfEntries,
 }
 

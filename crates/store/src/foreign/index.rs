@@ -6,7 +6,6 @@
 
 use crate::error::{OpenError, ReadError};
 use crate::foreign::Foreign;
-use crate::foreign::made::state_name;
 use crate::metadata::ChannelStatistics;
 use crate::pack::brick::Workspace;
 use crate::pack::cascade::{no_data, shape};
@@ -87,9 +86,8 @@ pub(crate) fn index(
     let state = foreign.state().ok_or_else(|| kept(unknown))?;
     let room =
         Index::brick_count(&foreign).saturating_mul(16).saturating_add(u64::from(foreign.source().channels) << 14);
-    // Coarse bricks are made anew: the way on where anything kept is in doubt.
-    foreign.cache().forget(&state_name(state));
-    foreign.cache().forget_states_but(&state_name(state));
+    // All states, also the present one: an index is the way on where anything kept is in doubt.
+    foreign.cache().forget_states_but("");
     if !foreign.cache().reserve(room) {
         return Err(kept("there is no room in the cache, or no folder for it; BRICKYARD_CACHE names one"));
     }

@@ -133,7 +133,7 @@ fn name(state: u64, BrickId { time, channel, level, index }: BrickId) -> String 
 }
 
 /// The folder in the cache for one state of the image's files.
-pub(super) fn state_name(state: u64) -> String {
+fn state_name(state: u64) -> String {
     format!("{state:016x}")
 }
 
