@@ -55,7 +55,7 @@ fn the_window_shows_what_render_writes_of_its_scene() {
     for backend in ["cpu", "gpu"] {
         let sandbox = Sandbox::in_memory();
         sandbox.write("tour.txt", &tour);
-        let arguments = [&path, "--backend", backend, "--script", "tour.txt", "--size", "900x600"];
+        let arguments = [&path, "--backend", backend, "--script", "tour.txt", "--size", "720x480"];
         let ended = display.view(sandbox.path(".").as_path(), &arguments).output().expect("it runs");
         assert!(ended.status.success(), "{backend}: {}", String::from_utf8_lossy(&ended.stderr));
         let scene: Scene = serde_json::from_slice(&sandbox.read("scene.json")).expect("a scene");

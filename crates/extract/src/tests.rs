@@ -152,8 +152,8 @@ fn bricks_threads_and_memory_do_not_change_the_file() {
     ] {
         let is_image = matches!(surface, MeshSurface::Isosurface(_));
         let packed = |edge| match is_image {
-            true => Packed::image(&Made::new([70, 37, 41], noise), edge),
-            false => Packed::labels(&Made::new([70, 37, 41], blobs), edge),
+            true => Packed::image(&Made::new([70, 23, 17], noise), edge),
+            false => Packed::labels(&Made::new([70, 23, 17], blobs), edge),
         };
         let request = MeshRequest { smoothing, decimation_voxels, ..MeshRequest::new(surface) };
         let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();

@@ -100,8 +100,12 @@ impl TestStore {
 
     /// Writes the store with voxels `value(t, c, [x, y, z])`.
     pub(crate) fn write(&self, store: &Path, value: impl Fn(u32, u32, [u32; 3]) -> f64) {
+        self.write_voxels(store, &value);
+    }
+
+    fn write_voxels(&self, store: &Path, value: &dyn Fn(u32, u32, [u32; 3]) -> f64) {
         let layout = self.layout();
-        let info = self.info(&value);
+        let info = self.info(value);
         let (mut bricks, mut shards) = (BTreeMap::new(), BTreeMap::new());
         let volumes: Vec<(u32, u32)> = (0..self.times).flat_map(|t| (0..self.channels).map(move |c| (t, c))).collect();
         let levels: BTreeMap<_, _> =
@@ -164,7 +168,7 @@ impl TestStore {
         of_levels.chain([root]).for_each(|(path, document)| write_file(&path, &document_bytes(&document)));
     }
 
-    fn info(&self, value: &impl Fn(u32, u32, [u32; 3]) -> f64) -> StoreInfo {
+    fn info(&self, value: &dyn Fn(u32, u32, [u32; 3]) -> f64) -> StoreInfo {
         let channel = |c: u32| {
             let volume = |t| self.levels(|v| value(t, c, v)).swap_remove(0);
             let all: Vec<f64> = (0..self.times).flat_map(volume).collect();

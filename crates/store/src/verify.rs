@@ -144,13 +144,17 @@ pub fn verify_within(
     memory_bytes: u64,
     progress: impl Fn(u64, u64) + Sync,
 ) -> Result<VerifyReport, VerifyError> {
+    verified(path, memory_bytes, &progress)
+}
+
+fn verified(path: &Path, memory_bytes: u64, progress: &(dyn Fn(u64, u64) + Sync)) -> Result<VerifyReport, VerifyError> {
     let store = Store::open_own(path)?;
     let second = store.info().downsample.second();
     let second = second.map(|method| store.reduced(method)).transpose()?;
     let views: Vec<Store> = std::iter::once(store).chain(second).collect();
     let (block_edge, threads) = block_edge(&views, memory_bytes, rayon::current_num_threads())?;
     let pool = pool(threads).map_err(VerifyError::Threads)?;
-    let verifier = Verifier::new(&views, &progress, block_edge);
+    let verifier = Verifier::new(&views, progress, block_edge);
     let report = pool.install(|| with_voxel_type!(views[0].voxel_type(), T => verifier.run::<T>()))?;
     // Each file of a vanished store would be a problem.
     if !report.problems.is_empty() && views[0].is_replaced() { Err(views[0].replaced().into()) } else { Ok(report) }

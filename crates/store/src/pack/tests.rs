@@ -43,14 +43,21 @@ impl<T: Voxel> Array<T> {
     }
 
     pub(crate) fn series(extent: [u32; 3], times: u32, channels: u32, value: impl Fn(u32, [u32; 3]) -> T) -> Self {
+        Self::made(extent, times, channels, &value)
+    }
+
+    /// Compiled once for each type, not for each closure of a test.
+    fn made(extent: [u32; 3], times: u32, channels: u32, value: &dyn Fn(u32, [u32; 3]) -> T) -> Self {
         let extent = Extent::from_array(extent);
-        let volume = |i: u32| {
-            let value = &value;
-            (0..extent.z)
-                .flat_map(move |z| (0..extent.y).flat_map(move |y| (0..extent.x).map(move |x| value(i, [x, y, z]))))
-        };
         let info = SourceInfo { channels, times, identity: "array".into(), ..SourceInfo::of_volume(extent, T::TYPE) };
-        let voxels = (0..times * channels).flat_map(volume).collect();
+        let mut voxels = Vec::with_capacity((u64::from(times * channels) * extent.volume()) as usize);
+        for i in 0..times * channels {
+            for z in 0..extent.z {
+                for y in 0..extent.y {
+                    voxels.extend((0..extent.x).map(|x| value(i, [x, y, z])));
+                }
+            }
+        }
         let fuse = AtomicI64::new(i64::MAX);
         Self { info, voxels, access: Access::Box, fuse, reads: AtomicU32::new(0) }
     }
