@@ -1,5 +1,6 @@
 //! Errors of reading an input.
 
+use brickyard_objects::Fault;
 use std::path::{Path, PathBuf};
 
 /// Failure to read an input. Every message names the file, the expectation, the finding and a remedy.
@@ -102,9 +103,11 @@ impl ImportError {
     }
 }
 
-/// Whether an error is about the process's permissions or limits rather than the file.
+/// Whether an error is about the process's permissions, limits or network rather than the file.
 pub fn is_of_process(error: &std::io::Error) -> bool {
-    error.kind() == std::io::ErrorKind::PermissionDenied || limit_behind(error).is_some()
+    error.kind() == std::io::ErrorKind::PermissionDenied
+        || limit_behind(error).is_some()
+        || Fault::of(error).is_some_and(Fault::is_of_server)
 }
 
 /// Returns the limit of the process or system behind an error, with the way to raise it; `None` for other errors.

@@ -20,6 +20,7 @@ use crate::note::Note;
 use crate::options::OpenOptions;
 use crate::source::{Lent, Source, SourceInfo, Take};
 use crate::step_time::StepTime;
+use brickyard_objects::at;
 use brickyard_volume::{Extent, VoxelBox, are, counted};
 use misfit::Misfit;
 use spread::Spread;
@@ -426,6 +427,12 @@ pub(crate) fn identity(prefix: &str, paths: &[impl AsRef<Path>]) -> Result<Strin
     let mut identity = prefix.to_owned();
     for path in paths {
         let path = path.as_ref();
+        if let Some(place) = at(path).map_err(ImportError::io(path))? {
+            let document = place.document(u64::MAX).map_err(ImportError::io(path))?;
+            let tag = document.and_then(|document| document.version.tag.clone()).unwrap_or_default();
+            identity += &format!("; {} {tag}", path.display());
+            continue;
+        }
         let data = std::fs::metadata(path).map_err(ImportError::io(path))?;
         let absolute = std::path::absolute(path).map_err(ImportError::io(path))?;
         let modified = data.modified().ok().and_then(|t| t.duration_since(std::time::UNIX_EPOCH).ok());

@@ -1,6 +1,7 @@
 //! State of a file that is read more than once.
 
 use crate::error::{ImportError, Result};
+use brickyard_objects::is_address;
 use std::fs::Metadata;
 use std::path::Path;
 use std::time::SystemTime;
@@ -15,8 +16,14 @@ pub(crate) struct Stamp {
 }
 
 impl Stamp {
+    /// Of objects at addresses, whose server answers for their state.
+    pub(crate) const NONE: Self = Self { bytes: 0, modified: None };
+
     /// Returns the present state of the file at `path`.
     pub(crate) fn of(path: &Path) -> Result<Self> {
+        if is_address(path) {
+            return Ok(Self::NONE);
+        }
         std::fs::metadata(path).map(|file| Self::in_metadata(&file)).map_err(ImportError::io(path))
     }
 

@@ -2,6 +2,7 @@
 
 use crate::error::{ImportError, Result};
 use crate::options::{ArrayPlace, ChannelArray, OpenOptions};
+use brickyard_objects::is_address;
 use std::path::{Path, PathBuf};
 
 pub(crate) const MARK: &str = "::";
@@ -98,7 +99,7 @@ pub(crate) fn split_choice(path: &Path) -> (PathBuf, Option<String>) {
 fn split(input: &Path) -> Option<(PathBuf, String)> {
     let (path, name) = input.to_str()?.rsplit_once(MARK)?;
     let is_named = !path.is_empty() && !name.trim_matches('/').is_empty();
-    (is_named && input.symlink_metadata().is_err()).then(|| (path.into(), name.into()))
+    (is_named && (is_address(input) || input.symlink_metadata().is_err())).then(|| (path.into(), name.into()))
 }
 
 #[cfg(test)]

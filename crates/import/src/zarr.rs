@@ -45,6 +45,7 @@ use crate::source::Source;
 use crate::variable::split_choice;
 pub use choice::{Choice, choices};
 use choice::{Target, choose};
+use document::Document;
 pub use image::open_image;
 use source::Reading;
 use std::path::{Path, PathBuf};
@@ -56,7 +57,9 @@ pub fn zarr_folder(path: &Path) -> Option<PathBuf> {
 
 /// Whether a folder has a document of Zarr.
 pub(crate) fn is_zarr(folder: &Path) -> bool {
-    ["zarr.json", ".zgroup", ".zarray"].iter().any(|name| folder.join(name).is_file())
+    // At an address all that an opening may look at.
+    Document::look_ahead(folder, &["zarr.json", "0/zarr.json", ".zgroup", ".zarray", ".zattrs"].map(String::from));
+    ["zarr.json", ".zgroup", ".zarray"].iter().any(|name| Document::is_there(&folder.join(name)))
 }
 
 /// Opens the finest level of an image, or an array: the one that the options name, or the only one.

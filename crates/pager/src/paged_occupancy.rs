@@ -11,6 +11,7 @@
 
 use crate::leave::Threads;
 use crate::source::{BrickError, BrickSource};
+use brickyard_store::FetchRoom;
 use brickyard_volume::{
     BrickId, Geometry, Level, Occupancy, OccupancyBins, PAGE_EDGE_BRICKS, PageId, Pyramid, VoxelType,
 };
@@ -18,6 +19,7 @@ use crossbeam_channel::{Receiver, Sender, bounded, unbounded};
 use lru::LruCache;
 use std::num::NonZeroUsize;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
 
 /// Source with occupancy read page by page, on demand.
 pub(crate) struct PagedOccupancy {
@@ -196,6 +198,18 @@ impl BrickSource for PagedOccupancy {
     fn read_hashes(&self, page: PageId) -> Result<Vec<u128>, BrickError> {
         self.source.read_hashes(page)
     }
+    fn fetchers(&self) -> u32 {
+        self.source.fetchers()
+    }
+
+    fn latency(&self) -> Duration {
+        self.source.latency()
+    }
+
+    fn fetch(&self, take: &mut dyn FnMut(FetchRoom) -> Vec<BrickId>) {
+        self.source.fetch(take);
+    }
+
     fn advise(&self, ids: &[BrickId]) {
         self.source.advise(ids);
     }

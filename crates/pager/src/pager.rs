@@ -51,7 +51,7 @@ pub struct VolumeDraw {
     pub cut: usize,
 }
 
-/// Look-ahead of prefetching: about the time in which a few hundred bricks come from a disk.
+/// Look-ahead of prefetching, besides the sources' own latency: about the time in which a few hundred bricks come from a disk.
 const FETCH_TIME: Duration = Duration::from_millis(300);
 
 /// Least time between frames drawn only for fades: a sixtieth of a second.
@@ -194,11 +194,12 @@ impl Pager {
         }
         self.motion.see(at, &views[0].rays);
         let occupancy: Vec<u64> = self.volumes.iter().map(PagedVolume::occupancy_version).collect();
+        let latency = self.volumes.iter().map(|volume| volume.source.latency()).max().unwrap_or_default();
         let outlook = self.planner.outlook(Job {
             views: views.to_vec(),
             coming: self.coming.clone(),
             visibility: self.volumes.iter().map(|volume| volume.visibility.clone()).collect(),
-            ahead: self.config.prefetch.then(|| self.motion.foresee(FETCH_TIME)),
+            ahead: self.config.prefetch.then(|| self.motion.foresee(FETCH_TIME + latency)),
             occupancy: occupancy.clone(),
         });
         let coming: Vec<_> = self.coming.iter().map(|views| goals(&self.volumes, &outlook, views)).collect();

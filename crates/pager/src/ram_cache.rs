@@ -197,6 +197,11 @@ impl RamCache {
         Wanted { part, lender, key: self.key(lender) }
     }
 
+    /// Whether a brick's core is decoded.
+    pub(crate) fn holds(&self, id: BrickId) -> bool {
+        self.lock().take(Part::OWN, self.key(id)).is_some()
+    }
+
     /// Cached voxels for each part of a padded brick, by part number: its own core, or a neighbour's shell. `None` if not cached or not
     /// requested. Drop the voxels before requesting more.
     pub(crate) fn cached(&self, wanted: &[Wanted]) -> [Option<Arc<[u8]>>; Part::COUNT] {

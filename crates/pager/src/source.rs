@@ -1,8 +1,10 @@
 //! Interface of a volume to the pager: geometry, occupancy and decoded bricks. A store reads from files; a program may serve its own arrays or
 //! compute.
 
+use brickyard_store::FetchRoom;
 use brickyard_volume::{BrickId, BrickIndex, Geometry, Occupancy, OccupancyBins, PageId, Pyramid, VoxelType};
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::time::Duration;
 
 /// Error from reading a brick. If it may pass, the pager retries a few times, then marks the brick failed and draws an ancestor.
 #[derive(Clone, Debug, thiserror::Error)]
@@ -134,6 +136,17 @@ pub trait BrickSource: Send + Sync {
         let id = BrickId { time: page.time, channel: page.channel, level: page.level, index: BrickIndex::default() };
         Err(BrickError { id, reason: "no hashes are kept".into(), is_passing: false })
     }
+    /// Threads that fetch coming bricks ahead of those who read them; none for a source at hand.
+    fn fetchers(&self) -> u32 {
+        0
+    }
+    /// Time until the bytes of a brick are at hand.
+    fn latency(&self) -> Duration {
+        Duration::ZERO
+    }
+    /// Fetches the encoded bytes of bricks, for reads that follow soon: waits until there is room, and takes as many then. Failures are left for the reads
+    /// to report. Only called where there are [fetchers](BrickSource::fetchers).
+    fn fetch(&self, _take: &mut dyn FnMut(FetchRoom) -> Vec<BrickId>) {}
     /// Announces coming reads of these bricks and their stored aprons, so the operating system can read ahead.
     fn advise(&self, _ids: &[BrickId]) {}
     /// Decodes the brick's core, `edge`^3 little-endian voxels, x fastest, into `out`. Voxels past the level's extent are unspecified.

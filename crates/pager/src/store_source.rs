@@ -1,8 +1,9 @@
 //! A brick store as a source of the pager: each method delegates to [`Store`].
 
 use crate::source::{BrickError, BrickSource};
-use brickyard_store::{Kind, ReadError, Store};
+use brickyard_store::{FetchRoom, Kind, ReadError, Store};
 use brickyard_volume::{BrickId, BrickIndex, Geometry, Occupancy, OccupancyBins, PageId, Pyramid, VoxelType};
+use std::time::Duration;
 
 impl BrickSource for Store {
     fn pyramid(&self) -> &Pyramid {
@@ -76,6 +77,18 @@ impl BrickSource for Store {
 
     fn read_hashes(&self, page: PageId) -> Result<Vec<u128>, BrickError> {
         self.read_hashes(page).map_err(|error| page_error(self, page, &error))
+    }
+
+    fn fetchers(&self) -> u32 {
+        self.fetchers()
+    }
+
+    fn latency(&self) -> Duration {
+        self.latency()
+    }
+
+    fn fetch(&self, take: &mut dyn FnMut(FetchRoom) -> Vec<BrickId>) {
+        self.fetch(take);
     }
 
     fn advise(&self, ids: &[BrickId]) {

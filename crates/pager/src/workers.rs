@@ -1,4 +1,5 @@
-//! Worker threads, which take bricks from the newest plan, decode and assemble them, and send them to the frame loop.
+//! Worker threads, which take bricks from the newest plan, decode and assemble them, and send them to the frame loop. For a source far away others fetch
+//! the coming bricks' bytes ahead of them.
 //!
 //! A plan replaces the last one at once: unlisted bricks are dropped, and bricks in progress are not started twice. Padded buffers are
 //! counted: a worker takes a brick only together with a buffer, and buffers return through the frame loop, so the channel is bounded in
@@ -15,7 +16,8 @@ use crate::retry::Failure;
 use crate::sameness::{Content, SlotsByContent};
 use crate::source::caught;
 use crate::tier::Tier;
-use brickyard_volume::BrickId;
+use brickyard_store::FetchRoom;
+use brickyard_volume::{BrickId, BrickIndex, Pyramid, VoxelBox};
 use crossbeam_channel::{Receiver, Sender, bounded};
 use rustc_hash::{FxHashMap, FxHashSet};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -33,8 +35,9 @@ pub(crate) struct Workers {
 
 struct Shared {
     queue: Mutex<Queue>,
-    /// Notified of possible work and on stop.
+    /// Notified of possible work and on stop: workers, and the threads that fetch ahead of them.
     wake: Condvar,
+    wake_ahead: Condvar,
     padded_bytes: usize,
     meter: Arc<Meter>,
     held: Arc<SlotsByContent>,
@@ -50,6 +53,10 @@ struct Queue {
     put_off: Vec<(Tier, BrickId)>,
     /// Requests before this one have been advised.
     advised: usize,
+    /// Requests before this one are fetched, or being fetched.
+    fetched: usize,
+    /// Bricks that may be fetched before they are read.
+    ahead: usize,
     /// Bricks taken, but not yet received by the frame loop.
     busy: FxHashSet<BrickId>,
     /// Padded bricks that may still be started.
@@ -100,6 +107,25 @@ impl Queue {
         None
     }
 
+    /// Takes the next bricks to fetch, of one level: the coarsest ones come alone, thus soon.
+    fn take_to_fetch(&mut self, room: FetchRoom) -> Vec<BrickId> {
+        self.ahead = room.ahead;
+        let first = self.fetched.max(self.next);
+        let last = (first + room.bricks).min(self.requests.len()).min(self.next + room.ahead);
+        let Some(batch) = self.requests.get(first..last) else { return Vec::new() };
+        let Some(&(_, coarsest)) = batch.first() else { return Vec::new() };
+        let batch = batch.iter().map(|(_, id)| *id).take_while(|id| id.level == coarsest.level);
+        let batch: Vec<BrickId> = batch.collect();
+        self.fetched = first + batch.len();
+        batch
+    }
+
+    /// Whether no brick of the plan may be fetched now.
+    fn is_fetched(&self) -> bool {
+        let first = self.fetched.max(self.next);
+        first >= self.requests.len() || first >= self.next + self.ahead
+    }
+
     fn has_permit(&self, tier: Tier) -> bool {
         self.permits > self.staged - tier.staged(self.staged)
     }
@@ -124,8 +150,9 @@ impl Workers {
         held: Arc<SlotsByContent>,
     ) -> std::io::Result<Self> {
         let padded_bytes = cache.layout.padded_bytes();
-        let queue = Mutex::new(Queue { permits: staged, staged, ..Queue::default() });
-        let shared = Arc::new(Shared { queue, wake: Condvar::new(), padded_bytes, meter, held });
+        let queue = Mutex::new(Queue { permits: staged, staged, ahead: 1, ..Queue::default() });
+        let (wake, wake_ahead) = (Condvar::new(), Condvar::new());
+        let shared = Arc::new(Shared { queue, wake, wake_ahead, padded_bytes, meter, held });
         let (sender, arrivals) = bounded(staged);
         let mut workers = Self { shared, arrivals, threads: Threads::default() };
         for i in 0..threads {
@@ -133,6 +160,10 @@ impl Workers {
             let reader = PaddedReader::new(cache.clone());
             let work = move || shared.work(reader, &sender);
             workers.threads.start(format!("brick-worker-{i}"), work)?;
+        }
+        for i in 0..cache.source().fetchers() {
+            let (shared, cache) = (workers.shared.clone(), cache.clone());
+            workers.threads.start(format!("brick-fetcher-{i}"), move || shared.fetch(&cache))?;
         }
         Ok(workers)
     }
@@ -142,8 +173,9 @@ impl Workers {
         let mut queue = self.shared.lock();
         queue.requests = requests;
         queue.put_off.clear();
-        (queue.next, queue.advised) = (0, 0);
+        (queue.next, queue.advised, queue.fetched) = (0, 0, 0);
         self.shared.wake.notify_all();
+        self.shared.wake_ahead.notify_all();
     }
 
     /// Next brick that was read or failed; `None` if there is none now.
@@ -165,10 +197,20 @@ impl Workers {
     }
 }
 
+/// A brick and the up to 26 around it on its level.
+fn with_neighbours(pyramid: &Pyramid, id: BrickId) -> Vec<BrickId> {
+    let grid = pyramid.level(id.level).bricks.full_box();
+    let index = id.index.to_array();
+    let min = index.map(|i| i.saturating_sub(1));
+    let around = VoxelBox::new(min, index.map(|i| i + 2)).intersect(grid);
+    around.voxels().map(|[x, y, z]| BrickId { index: BrickIndex::new(x, y, z), ..id }).collect()
+}
+
 impl Drop for Workers {
     fn drop(&mut self) {
         self.shared.lock().stop = true;
         self.shared.wake.notify_all();
+        self.shared.wake_ahead.notify_all();
     }
 }
 
@@ -192,6 +234,29 @@ impl Shared {
                 return;
             }
         }
+    }
+
+    /// Fetches the bytes of coming bricks, and of those around them, ahead of the workers.
+    fn fetch(&self, cache: &RamCache) {
+        let source = cache.source();
+        let needed =
+            |id: BrickId| if source.stored_apron() > 0 { vec![id] } else { with_neighbours(source.pyramid(), id) };
+        while self.awaits_fetch() {
+            source.fetch(&mut |room| {
+                let taken = self.lock().take_to_fetch(room);
+                let mut ids: Vec<BrickId> = taken.into_iter().flat_map(needed).filter(|id| !cache.holds(*id)).collect();
+                ids.sort_unstable();
+                ids.dedup();
+                ids
+            });
+        }
+    }
+
+    /// Waits until a brick of the plan may be fetched; false to stop.
+    fn awaits_fetch(&self) -> bool {
+        let is_idle = |queue: &mut Queue| !queue.stop && queue.is_fetched();
+        let queue = self.wake_ahead.wait_while(self.lock(), is_idle).unwrap_or_else(PoisonError::into_inner);
+        !queue.stop
     }
 
     /// Advises the batch, and reads a brick into the buffer unless a slot holds its content.
@@ -250,6 +315,7 @@ impl Shared {
         queue.busy.insert(id);
         let buffer = queue.free.pop();
         drop(queue);
+        self.wake_ahead.notify_one();
         let buffer = buffer.unwrap_or_else(|| {
             self.meter.charge(self.padded_bytes as u64);
             zeroed(self.padded_bytes)

@@ -5,7 +5,6 @@
 //! little-endian words in one Zstandard frame, then its crc32c. The files of N + 1 steps exist before the root document
 //! counts them, and those of N steps are deleted afterwards.
 
-use crate::data_file::read_at_most;
 use crate::error::ReadError;
 use crate::layout::{COUNTS_NAME, Layout};
 use crate::mutex::lock;
@@ -90,7 +89,7 @@ impl Counts {
         let read = |channel| {
             let path = self.path(times, channel);
             let most = zstd::zstd_safe::compress_bound(MOST_WORDS * 8) as u64 + 4;
-            let file = read_at_most(folder.file(&path), most).map_err(|error| folder.unreadable(&path, error))?;
+            let file = folder.read(&path, most).map_err(|error| folder.unreadable(&path, error))?;
             let corrupt = |what| ReadError::CorruptPage { path, what: format!("{what}; {}", self.cure()) };
             decode(&file, store.voxel_type()).map_err(corrupt)
         };

@@ -2,17 +2,27 @@
 
 use crate::downsample::{Downsample, Reductions};
 use brickyard_import::ImportError;
+use brickyard_objects::Fault;
 use brickyard_volume::BrickId;
 use std::path::{Path, PathBuf};
 
-/// A write inside a store by an outsider.
+/// Why nothing may be written at a path.
 #[derive(Debug, thiserror::Error)]
-#[error("{path}: lies inside the store {store}, which is left alone; choose a place outside of it")]
-pub struct InsideStore {
-    /// The refused output path.
-    pub path: PathBuf,
-    /// The store.
-    pub store: PathBuf,
+pub enum UnfitOutput {
+    /// An outsider would write inside a store.
+    #[error("{path}: lies inside the store {store}, which is left alone; choose a place outside of it")]
+    InsideStore {
+        /// The refused output path.
+        path: PathBuf,
+        /// The store.
+        store: PathBuf,
+    },
+    /// Addresses are read, and never written.
+    #[error("{path}: stores at addresses are read, never written; choose a path on disk")]
+    Address {
+        /// The refused address.
+        path: PathBuf,
+    },
 }
 
 /// Why a store cannot be opened.
@@ -243,6 +253,9 @@ impl ReadError {
         let (Self::Io { error, .. } | Self::Source { error: ImportError::Io { error, .. }, .. }) = self else {
             return false;
         };
+        if let Some(fault) = Fault::of(error) {
+            return fault.is_passing();
+        }
         !matches!(error.kind(), NotFound | PermissionDenied | UnexpectedEof | InvalidData | InvalidInput)
     }
 }

@@ -1,8 +1,9 @@
-//! The open folder of a store. Files are opened by name through one descriptor, so all belong to one store even if its
-//! path changes hands. Costs a descriptor per open store.
+//! The open folder of a store, on disk or at an address. Files on disk are opened by name through one descriptor, so all belong to one store even if its
+//! path changes hands. Costs a descriptor per open store on disk.
 
 use crate::data_file::{open_at, read_at_most};
 use crate::error::{OpenError, ReadError};
+use brickyard_objects::{Fault, Place, at};
 use rustix::fs::{CWD, Mode, OFlags, openat};
 use std::fs::File;
 use std::io::{Error, ErrorKind};
@@ -21,13 +22,25 @@ const PLACE: OFlags = OFlags::RDONLY;
 /// The folder of a store open for reading.
 pub(crate) struct Folder {
     path: PathBuf,
-    dir: OwnedFd,
+    dir: Dir,
+}
+
+/// Where a folder is.
+enum Dir {
+    Disk(OwnedFd),
+    Remote(Place),
 }
 
 impl Folder {
     pub(crate) fn open(path: &Path) -> std::io::Result<Self> {
-        let flags = PLACE | OFlags::DIRECTORY | OFlags::CLOEXEC;
-        Ok(Self { path: path.into(), dir: openat(CWD, path, flags, Mode::empty())? })
+        let dir = match at(path)? {
+            Some(place) => Dir::Remote(place),
+            None => {
+                let flags = PLACE | OFlags::DIRECTORY | OFlags::CLOEXEC;
+                Dir::Disk(openat(CWD, path, flags, Mode::empty())?)
+            }
+        };
+        Ok(Self { path: path.into(), dir })
     }
 
     /// The path given on opening, as used in messages.
@@ -35,16 +48,52 @@ impl Folder {
         &self.path
     }
 
-    /// Opens a file or folder inside for reading. Refuses pipes, devices and sockets, which may block forever.
+    /// Opens a file or folder inside for reading. Refuses pipes, devices and sockets, which may block forever; and files at an address, which are
+    /// [read](Folder::read), or by ranges at their [place](Folder::place).
     pub(crate) fn file(&self, path: &Path) -> std::io::Result<File> {
-        let name = path.strip_prefix(&self.path).map_err(|_| Error::from(ErrorKind::InvalidInput))?;
-        open_at(&self.dir, name)
+        match &self.dir {
+            Dir::Disk(dir) => open_at(dir, self.inside(path)?),
+            Dir::Remote(_) => Err(Fault::Unsupported("only files on disk can be opened here".into()).into()),
+        }
+    }
+
+    /// Whether the folder is at an address.
+    pub(crate) fn is_remote(&self) -> bool {
+        matches!(self.dir, Dir::Remote(_))
+    }
+
+    /// The place of a file inside, if the folder is at an address.
+    pub(crate) fn place(&self, path: &Path) -> std::io::Result<Option<Place>> {
+        match &self.dir {
+            Dir::Disk(_) => Ok(None),
+            Dir::Remote(place) => Ok(Some(place.join(&self.inside(path)?.to_string_lossy()))),
+        }
+    }
+
+    /// Reads a file inside of at most so many bytes.
+    pub(crate) fn read(&self, path: &Path, most_bytes: u64) -> std::io::Result<Vec<u8>> {
+        match self.place(path)? {
+            None => read_at_most(self.file(path), most_bytes),
+            Some(place) => place.whole(most_bytes)?.map(|object| object.bytes).ok_or_else(|| Fault::Absent.into()),
+        }
+    }
+
+    /// Forgets what is kept on this machine's disk of a file at an address: it is damaged. Returns whether the file may be read again.
+    pub(crate) fn forget(&self, path: &Path) -> bool {
+        let Ok(Some(place)) = self.place(path) else { return false };
+        place.objects.forget(&place.name);
+        true
+    }
+
+    fn inside<'a>(&self, path: &'a Path) -> std::io::Result<&'a Path> {
+        path.strip_prefix(&self.path).map_err(|_| Error::from(ErrorKind::InvalidInput))
     }
 
     /// A path through the descriptor to the same place, wherever the given path now leads; the path itself if that is
     /// impossible, or it lies outside.
     pub(crate) fn through(&self, path: &Path) -> PathBuf {
-        let own = Path::new("/proc/self/fd").join(self.dir.as_raw_fd().to_string());
+        let Dir::Disk(dir) = &self.dir else { return path.into() };
+        let own = Path::new("/proc/self/fd").join(dir.as_raw_fd().to_string());
         match path.strip_prefix(&self.path) {
             Ok(inside) if own.exists() => own.join(inside),
             _ => path.into(),
@@ -53,10 +102,44 @@ impl Folder {
 
     /// Reads a metadata document of at most 64 MiB.
     pub(crate) fn document(&self, path: &Path) -> Result<Vec<u8>, OpenError> {
-        read_at_most(self.file(path), MOST_DOCUMENT_BYTES).map_err(|error| match self.is_lost(&error) {
+        let read = match self.place(path) {
+            Ok(Some(place)) => place
+                .document(MOST_DOCUMENT_BYTES)
+                .and_then(|document| Ok(document.ok_or(Fault::Absent)?.bytes.clone())),
+            Ok(None) => self.read(path, MOST_DOCUMENT_BYTES),
+            Err(error) => Err(error),
+        };
+        read.map_err(|error| self.unreadable_document(path, error))
+    }
+
+    /// Reads several documents, at an address all at once, together with files to be [read](Folder::read) soon.
+    pub(crate) fn documents(&self, paths: &[PathBuf], soon: &[PathBuf]) -> Result<Vec<Vec<u8>>, OpenError> {
+        if let Dir::Remote(place) = &self.dir {
+            let inside = paths.iter().chain(soon).filter_map(|path| self.inside(path).ok());
+            let names: Vec<String> = inside.map(|path| path.to_string_lossy().into_owned()).collect();
+            place.look_ahead(&names, MOST_DOCUMENT_BYTES);
+        }
+        paths.iter().map(|path| self.document(path)).collect()
+    }
+
+    /// Whether any of some files is there.
+    pub(crate) fn has_any(&self, paths: &[PathBuf]) -> Result<bool, OpenError> {
+        let Dir::Remote(_) = &self.dir else { return Ok(paths.iter().any(|path| path.exists())) };
+        for path in paths {
+            match self.document(path) {
+                Ok(_) => return Ok(true),
+                Err(OpenError::Io { error, .. }) if error.kind() == ErrorKind::NotFound => {}
+                Err(error) => return Err(error),
+            }
+        }
+        Ok(false)
+    }
+
+    fn unreadable_document(&self, path: &Path, error: Error) -> OpenError {
+        match self.is_lost(&error) {
             true => self.replaced(),
             false => OpenError::Io { path: path.into(), error },
-        })
+        }
     }
 
     /// The error for a store gone from its path.
@@ -79,11 +162,12 @@ impl Folder {
 
     /// Whether the path now leads elsewhere or nowhere: the folder was moved, deleted or replaced.
     pub(crate) fn is_replaced(&self) -> bool {
+        let Dir::Disk(dir) = &self.dir else { return false };
         let named = match std::fs::metadata(&self.path) {
             Ok(named) => named,
             Err(error) => return error.kind() == ErrorKind::NotFound,
         };
-        rustix::fs::fstat(&self.dir).is_ok_and(|own| (own.st_dev, own.st_ino) != (named.dev(), named.ino()))
+        rustix::fs::fstat(dir).is_ok_and(|own| (own.st_dev, own.st_ino) != (named.dev(), named.ino()))
     }
 }
 

@@ -13,6 +13,7 @@ mod sample;
 #[cfg(test)]
 mod tests;
 
+use crate::arrived::FetchRoom;
 use crate::codec::Codec;
 use crate::downsample::{Downsample, Reductions};
 use crate::error::{OpenError, ReadError};
@@ -25,11 +26,13 @@ use crate::pack::brick::{fill_up, spread};
 use crate::pack::plan::check_input;
 use brickyard_import::zarr::{open_image, zarr_folder};
 use brickyard_import::{Image, Note, Source, SourceInfo};
+use brickyard_objects::is_address;
 use brickyard_volume::{
     BrickId, DEFAULT_BRICK_EDGE, Extent, Geometry, LabelColor, Level, Placement, Pyramid, TimeAxis, VoxelBox,
     VoxelType, with_voxel_type,
 };
 use cache::Cache;
+pub use cache::{KeptImages, MOST_KEPT_BYTES, clear_images, kept_images};
 pub(crate) use fingerprint::of_all as state_of_files;
 pub use index::ImageIndexError;
 use index::Index;
@@ -325,12 +328,43 @@ impl Foreign {
         let held = used().map(|source| source.held_bytes()).max().unwrap_or(0);
         // A thread reads one level at a time.
         let reading = used().map(|source| source.reader_bytes()).max().unwrap_or(0);
-        held + threads * reading + self.made.cache_bytes(threads) + self.index.as_ref().map_or(0, Index::bytes)
+        let fetching = if is_address(&self.path) { self.fetching().bricks as u64 } else { 0 };
+        held + (threads + fetching) * reading
+            + self.made.cache_bytes(threads)
+            + self.index.as_ref().map_or(0, Index::bytes)
     }
 
     /// The error for a pyramid by another method.
     pub(crate) fn no_reduction(&self, asked: Downsample) -> OpenError {
         OpenError::NoReduction { path: self.path.clone(), asked, found: self.method.into() }
+    }
+
+    /// Bricks that may be fetched at a time, and how many ahead, so that a quarter of the chunks kept are under way or wait to be used.
+    pub(crate) fn fetching(&self) -> FetchRoom {
+        const MOST_AT_ONCE: u64 = 16;
+        const MOST_AHEAD: u64 = 256;
+        let used = self.image.levels.iter().map(|level| &level.source).filter(|source| self.levels.uses(source));
+        let bricks = used.map(|source| {
+            let brick = DEFAULT_BRICK_EDGE;
+            let chunk = source.piece().map_or([brick; 3], |piece| piece.to_array());
+            let chunks_per_brick: u64 = chunk.iter().map(|n| u64::from(brick.div_ceil((*n).max(1)))).product();
+            source.held_bytes() / 4 / source.reader_bytes().max(1) / chunks_per_brick
+        });
+        let bricks = bricks.min().unwrap_or(1).max(1);
+        FetchRoom { bricks: bricks.min(MOST_AT_ONCE) as usize, ahead: bricks.min(MOST_AHEAD) as usize }
+    }
+
+    /// Reads bricks' chunks, to be kept decoded for reads that follow soon. Failures are left for these to report.
+    pub(crate) fn fetch(&self, ids: &[BrickId]) {
+        let mut scratch = Vec::new();
+        for id in ids {
+            let Some(source) = self.levels.source(id.level) else { continue };
+            let region = self.region(source, *id);
+            scratch.resize(region.extent().volume() as usize * source.info().voxel_type.bytes(), 0);
+            if let Err(error) = source.read_box(id.time, id.channel, region, &mut scratch) {
+                tracing::debug!(%error, "not fetched ahead");
+            }
+        }
     }
 
     /// Fills `out` with a brick's core; voxels past the level's end repeat the last ones.

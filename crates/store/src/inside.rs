@@ -1,13 +1,18 @@
 //! Paths inside stores: for reading, errors name the intended store; for writing, they are refused to outsiders.
 
-use crate::error::{InsideStore, OpenError};
+use crate::error::{OpenError, UnfitOutput};
 use crate::folder::Folder;
 use crate::json::read_json;
 use crate::metadata::parse_info;
+use brickyard_objects::is_address;
 use std::path::{Component, Path, PathBuf};
 
 /// Replaces the error for a path inside a store by one naming the store.
 pub(crate) fn explained(error: OpenError, path: &Path) -> OpenError {
+    // At an address each folder above costs a round trip.
+    if is_address(path) {
+        return error;
+    }
     let leads_up = path.components().any(|part| part == Component::ParentDir);
     let place = if leads_up { located(path) } else { path.into() };
     match holder(&place) {
@@ -16,21 +21,27 @@ pub(crate) fn explained(error: OpenError, path: &Path) -> OpenError {
     }
 }
 
-/// Checks that a path to be written is outside every store. Stores with foreign files cannot be replaced, since those
-/// are never deleted.
+/// Checks that a path to be written is on disk and outside every store. Stores with foreign files cannot be replaced,
+/// since those are never deleted.
 ///
 /// # Errors
-/// If a folder above the path is a store.
-pub fn check_outside(path: &Path) -> Result<(), InsideStore> {
+/// If a folder above the path is a store, or the path is an address.
+pub fn check_outside(path: &Path) -> Result<(), UnfitOutput> {
+    check_on_disk(path)?;
     match holder(&located(path)) {
-        Some(store) => Err(InsideStore { path: path.into(), store: store.into() }),
+        Some(store) => Err(UnfitOutput::InsideStore { path: path.into(), store: store.into() }),
         None => Ok(()),
     }
 }
 
+/// Checks that a path to be written is no address.
+pub(crate) fn check_on_disk(path: &Path) -> Result<(), UnfitOutput> {
+    if is_address(path) { Err(UnfitOutput::Address { path: path.into() }) } else { Ok(()) }
+}
+
 /// Whether a path lies in a store of brickyard's.
 pub(crate) fn is_inside(path: &Path) -> bool {
-    holder(&located(path)).is_some()
+    !is_address(path) && holder(&located(path)).is_some()
 }
 
 /// Resolves links and `..` in a path that may not exist yet.

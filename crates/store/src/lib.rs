@@ -6,6 +6,7 @@
 //! of them.
 
 pub mod append;
+mod arrived;
 mod blosc;
 mod chunks;
 pub mod codec;
@@ -29,6 +30,7 @@ mod mutex;
 mod ngff;
 mod nodata;
 pub mod pack;
+mod ranged_file;
 mod remake;
 mod repair;
 mod replace;
@@ -42,6 +44,7 @@ mod store;
 #[cfg(test)]
 mod test_store;
 mod time;
+mod turns;
 mod upgrade;
 mod value_counts;
 mod value_table;
@@ -49,11 +52,12 @@ pub mod verify;
 mod version;
 
 pub use append::{AppendError, AppendOptions, AppendReport, Appender};
+pub use arrived::FetchRoom;
 pub use codec::{BrickCodec, Codec};
 pub use downsample::{Downsample, Reductions};
 pub use edit::{ChannelEdit, Edit, EditChange, EditError, EditReport, edit, edit_within, rehearse_edit};
-pub use error::{CodecError, InsideStore, OpenError, ReadError, ShardError};
-pub use foreign::{ImageIndexError, Making, is_foreign};
+pub use error::{CodecError, OpenError, ReadError, ShardError, UnfitOutput};
+pub use foreign::{ImageIndexError, KeptImages, MOST_KEPT_BYTES, Making, clear_images, is_foreign, kept_images};
 pub use index::{Changes, IndexError, IndexReport, index};
 pub use inside::check_outside;
 pub use layout::{Layout, ShardId};

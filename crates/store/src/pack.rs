@@ -43,7 +43,7 @@ pub use plan::{PackPlan, plan};
 
 use crate::codec::Codec;
 use crate::downsample::Reductions;
-use crate::error::{InsideStore, ReadError};
+use crate::error::{ReadError, UnfitOutput};
 use crate::layout::{DEFAULT_SHARD_EDGE, check_edges};
 use crate::metadata::{Kind, StoreInfo, document_bytes, root_document};
 use crate::ngff::{Ngff, Root};
@@ -259,7 +259,7 @@ pub enum PackError {
     },
     /// The output would lie inside another store.
     #[error(transparent)]
-    Inside(#[from] InsideStore),
+    Inside(#[from] UnfitOutput),
     /// The output lies among an image's labels, and cannot be one of them.
     #[error("{path}: {problem}")]
     Labels {

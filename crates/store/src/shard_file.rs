@@ -2,11 +2,10 @@
 
 use crate::error::{CodecError, ReadError, ShardError};
 use crate::folder::Folder;
+use crate::ranged_file::RangedFile;
 use crate::shard::{BrickRange, Fingerprint, ShardIndex, index_bytes};
 use brickyard_filemap::GuardedMap;
 use brickyard_volume::BrickId;
-use std::fs::File;
-use std::os::unix::fs::FileExt;
 use std::path::Path;
 
 /// I/O method for shard files.
@@ -19,6 +18,9 @@ pub enum IoMode {
     /// Reads at offsets: slower, but safe on network file systems.
     Pread,
 }
+
+/// Most bytes of a shard at an address that is read whole when it is opened: those of coarse levels, which are needed first.
+const SMALL_BYTES: u64 = 128 << 10;
 
 /// An open shard whose length and index match the packed ones.
 pub(crate) struct ShardFile {
@@ -33,12 +35,12 @@ pub(crate) struct ShardFile {
 /// The source of a shard's bytes.
 enum Body {
     Mapped(GuardedMap),
-    File(File),
+    File(RangedFile),
 }
 
 impl ShardFile {
     /// Opens an existing shard. `bricks` is the number of its index entries, `cap` the greatest length of an encoded
-    /// brick.
+    /// brick. Of a small one at an address all bytes are read at once, and returned; of others none.
     pub(crate) fn open(
         folder: &Folder,
         path: &Path,
@@ -46,29 +48,34 @@ impl ShardFile {
         bricks: usize,
         cap: u64,
         mode: IoMode,
-    ) -> Result<Self, ReadError> {
+    ) -> Result<(Self, Vec<u8>), ReadError> {
         let io = |error: std::io::Error| match error.kind() {
             std::io::ErrorKind::NotFound if !folder.is_replaced() => ReadError::MissingShard { path: path.into() },
             _ => folder.unreadable(path, error),
         };
-        let file = folder.file(path).map_err(io)?;
-        let file_bytes = file.metadata().map_err(io)?.len();
         let rewritten = |what, expected, found| ReadError::Rewritten { path: path.into(), what, expected, found };
-        if file_bytes != fingerprint.file_bytes {
-            return Err(rewritten("bytes", fingerprint.file_bytes, file_bytes));
-        }
-        let index_bytes = (index_bytes(bricks) as u64).min(file_bytes) as usize;
-        let (body, index) = match mode {
-            IoMode::Mmap => {
-                let map = GuardedMap::new(&file).map_err(io)?;
-                let index = map[map.len().saturating_sub(index_bytes)..].into();
-                (Body::Mapped(map), index)
+        let check_bytes = |found| match found == fingerprint.file_bytes {
+            true => Ok(found),
+            false => Err(rewritten("bytes", fingerprint.file_bytes, found)),
+        };
+        let index_bytes = index_bytes(bricks) as u64;
+        let mut whole = Vec::new();
+        let (body, index, file_bytes) = if mode == IoMode::Mmap && !folder.is_remote() {
+            let file = folder.file(path).map_err(io)?;
+            let file_bytes = check_bytes(file.metadata().map_err(io)?.len())?;
+            let map = GuardedMap::new(&file).map_err(io)?;
+            let index = map[map.len().saturating_sub(index_bytes as usize)..].into();
+            (Body::Mapped(map), index, file_bytes)
+        } else {
+            let is_small = folder.is_remote() && fingerprint.file_bytes <= SMALL_BYTES;
+            let end_bytes = if is_small { fingerprint.file_bytes.max(index_bytes) } else { index_bytes };
+            let (file, end) = RangedFile::open(folder, path, end_bytes).map_err(io)?;
+            let file_bytes = check_bytes(file.bytes())?;
+            let index = end[end.len().saturating_sub(index_bytes as usize)..].into();
+            if is_small {
+                whole = end.into();
             }
-            IoMode::Pread => {
-                let mut index = vec![0; index_bytes].into_boxed_slice();
-                file.read_exact_at(&mut index, file_bytes - index_bytes as u64).map_err(io)?;
-                (Body::File(file), index)
-            }
+            (Body::File(file), index, file_bytes)
         };
         let shard = Self { body, index, file_bytes, cap };
         let checked = ShardIndex::new(&shard.index, file_bytes, bricks, cap);
@@ -80,7 +87,7 @@ impl ShardFile {
         if crc as u64 != fingerprint.index_crc {
             return Err(rewritten("index checksum", fingerprint.index_crc, crc.into()));
         }
-        Ok(shard)
+        Ok((shard, whole))
     }
 
     /// The range in the file of index entry `slot`; `None` if the brick is not stored.
@@ -91,6 +98,16 @@ impl ShardFile {
     /// The index entries of two bricks with some but not all bytes in common; `None` if there are none.
     pub(crate) fn overlap(&self) -> Result<Option<(usize, usize)>, ShardError> {
         Ok(self.index()?.overlap())
+    }
+
+    /// The chunks that lie wholly within some bytes, in order; none if the index is unreadable.
+    pub(crate) fn ranges_within(&self, bytes: std::ops::Range<u64>) -> Vec<BrickRange> {
+        let ranges = (0..self.index.len() / 16).filter_map(|slot| self.range(slot).ok().flatten());
+        let mut within: Vec<BrickRange> =
+            ranges.filter(|range| bytes.start <= range.offset && range.offset + range.length <= bytes.end).collect();
+        within.sort_unstable_by_key(|range| range.offset);
+        within.dedup_by_key(|range| range.offset);
+        within
     }
 
     fn index(&self) -> Result<ShardIndex<'_>, ShardError> {
@@ -107,6 +124,14 @@ impl ShardFile {
                 file.read_exact_at(buffer, range.offset)?;
                 Ok(buffer)
             }
+        }
+    }
+
+    /// Fetches ranges of a file at an address, neighbouring ones at once.
+    pub(crate) fn fetch(&self, ranges: &[BrickRange]) -> std::io::Result<Vec<Vec<u8>>> {
+        match &self.body {
+            Body::Mapped(_) => Err(std::io::ErrorKind::Unsupported.into()),
+            Body::File(file) => file.read_ranges(ranges.iter().map(|range| range.offset..range.offset + range.length)),
         }
     }
 

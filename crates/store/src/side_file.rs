@@ -4,13 +4,12 @@
 //! with the index at the end, as in brick shards. Reading one takes two reads, the first for the index: 16 bytes a
 //! step.
 
-use crate::data_file::read_at_most;
 use crate::error::ReadError;
 use crate::folder::Folder;
+use crate::ranged_file::RangedFile;
 use crate::scratch::Scratch;
 use crate::shard::{BrickRange, ShardIndex, encode_index, index_bytes};
 use std::collections::HashMap;
-use std::os::unix::fs::FileExt;
 use std::path::Path;
 
 /// Compresses a page and appends its checksum.
@@ -40,7 +39,7 @@ pub(crate) fn join(pages: &[Option<Vec<u8>>]) -> Vec<u8> {
     file
 }
 
-/// Reads and decodes page `slot` of a file of `slots` pages, each of `page_bytes`.
+/// Reads and decodes page `slot` of a file of `slots` pages, each of `page_bytes`. One that was damaged on its way from an address is read once more.
 pub(crate) fn read(
     folder: &Folder,
     path: &Path,
@@ -48,18 +47,21 @@ pub(crate) fn read(
     slots: usize,
     page_bytes: usize,
 ) -> Result<Vec<u8>, ReadError> {
+    match read_once(folder, path, slot, slots, page_bytes) {
+        Err(ReadError::CorruptPage { .. }) if folder.forget(path) => read_once(folder, path, slot, slots, page_bytes),
+        read => read,
+    }
+}
+
+fn read_once(folder: &Folder, path: &Path, slot: usize, slots: usize, page_bytes: usize) -> Result<Vec<u8>, ReadError> {
     let io = |error| folder.unreadable(path, error);
     let corrupt = |what: String| ReadError::CorruptPage { path: path.into(), what };
     let most = zstd::zstd_safe::compress_bound(page_bytes) as u64 + 4;
     let encoded = match slots {
-        1 => read_at_most(folder.file(path), most).map_err(io)?,
+        1 => folder.read(path, most).map_err(io)?,
         _ => {
-            let file = folder.file(path).map_err(io)?;
-            let file_bytes = file.metadata().map_err(io)?.len();
-            let index_bytes = (index_bytes(slots) as u64).min(file_bytes);
-            let mut index = vec![0; index_bytes as usize];
-            file.read_exact_at(&mut index, file_bytes - index_bytes).map_err(io)?;
-            let index = ShardIndex::new(&index, file_bytes, slots, most);
+            let (file, end) = RangedFile::open(folder, path, index_bytes(slots) as u64).map_err(io)?;
+            let index = ShardIndex::new(&end, file.bytes(), slots, most);
             let index = index.and_then(|index| index.check().map(|()| index));
             let range = index.and_then(|index| index.range(slot)).map_err(|error| corrupt(error.to_string()))?;
             let range = range.ok_or_else(|| corrupt(format!("it lacks page {slot}")))?;

@@ -3,6 +3,7 @@
 //! Opening reads only the documents (and of another program's image a sample), so it takes milliseconds and constant memory at any size of store. The last few
 //! shards and pages stay open; `chunks.rs` reads bricks. Reading never writes. All methods are thread-safe.
 
+use crate::arrived::{self, FetchRoom};
 use crate::chunks::Chunks;
 use crate::codec::BrickCodec;
 use crate::downsample::Downsample;
@@ -19,9 +20,10 @@ use crate::metadata::{
 use crate::ngff::{Ngff, Root};
 use crate::pack::image_labels;
 use crate::shard_file::IoMode;
-use crate::side::{RangePage, SidePages, array_documents};
+use crate::side::{RangePage, SidePages, array_documents, first_pages};
 use crate::time::parse_time;
 use brickyard_import::Note;
+use brickyard_objects::{at, is_address, traffic};
 use brickyard_volume::{
     Apron, BrickId, BrickIndex, Extent, Geometry, LabelColor, Level, Occupancy, OccupancyBins, PageId, Placement,
     Pyramid, TimeAxis, VoxelBox, VoxelType,
@@ -29,6 +31,7 @@ use brickyard_volume::{
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::time::Duration;
 
 /// Most changes of the store during one opening.
 const MOST_CHANGES: u32 = 100;
@@ -180,10 +183,11 @@ impl Store {
         let geometry = parse_geometry(&root_path, &root, &layout, &info)?;
         let placement = parse_placement(&root_path, &info, &geometry)?;
         let time = parse_time(&root_path, &root, &layout, info.time.as_ref())?;
-        for level in layout.levels() {
-            for (path, expected) in array_documents(path, &layout, level, &info) {
-                check_array(&path, &expected, &read_json(folder, &path)?, info.times.is_some())?;
-            }
+        let expected: Vec<_> = layout.levels().flat_map(|level| array_documents(path, &layout, level, &info)).collect();
+        let paths: Vec<PathBuf> = expected.iter().map(|(path, _)| path.clone()).collect();
+        let pages = if folder.is_remote() { first_pages(path, &layout, info.voxel_type) } else { Vec::new() };
+        for ((path, expected), text) in expected.iter().zip(folder.documents(&paths, &pages)?) {
+            check_array(path, expected, &parse_json(path, &text)?, info.times.is_some())?;
         }
         let aprons = info.apron().map(|apron| {
             let codec = BrickCodec::of_aprons(info.codec, info.voxel_type, apron);
@@ -553,6 +557,48 @@ impl Store {
         }
     }
 
+    /// Whether the store is at an address.
+    pub fn is_remote(&self) -> bool {
+        is_address(self.path())
+    }
+
+    /// Threads that may fetch bricks ahead of those who read them, whose latencies overlap; none for a store on disk.
+    pub fn fetchers(&self) -> u32 {
+        match &self.bricks {
+            _ if !self.is_remote() => 0,
+            Bricks::Own(_) => 16,
+            Bricks::Foreign(foreign) => foreign.fetching().bricks as u32,
+        }
+    }
+
+    /// Time until bricks of a store at an address are here, by the last requests: the shard's index, then its bytes. Zero on disk.
+    pub fn latency(&self) -> Duration {
+        if self.is_remote() { traffic().request_time * 2 } else { Duration::ZERO }
+    }
+
+    /// Fetches the encoded bytes of bricks of a store at an address, and of their aprons, or another program's chunks, for reads that follow soon. Waits
+    /// for room on the link, then takes as many bricks as there is room for. Failures are left for the reads to report.
+    pub fn fetch(&self, take: &mut dyn FnMut(FetchRoom) -> Vec<BrickId>) {
+        let Ok(Some(place)) = at(self.path()) else { return };
+        let link = place.objects.link();
+        let admission = link.admit();
+        let (bricks, bytes) = match &self.bricks {
+            Bricks::Own(_) => {
+                // Fetched bricks wait within half of the room for them.
+                let ahead = (arrived::MOST_BYTES / 2 / link.brick_bytes().max(1)).clamp(8, 256) as usize;
+                let ids = take(FetchRoom { bricks: admission.bricks, ahead });
+                (ids.len(), self.chunks().map(|chunks| chunks.fetch(&ids)).sum())
+            }
+            Bricks::Foreign(foreign) => {
+                let room = foreign.fetching();
+                let ids = take(FetchRoom { bricks: 1, ..room });
+                foreign.fetch(&ids);
+                (ids.len(), link.answer_bytes() * ids.len() as u64)
+            }
+        };
+        admission.fetched(bytes, bricks);
+    }
+
     /// Requests read-ahead of these bricks and their stored aprons, opening their shards if needed. Shards that fail to
     /// open are reported by the read.
     pub fn advise(&self, ids: &[BrickId]) {
@@ -734,10 +780,10 @@ fn read_root(folder: &Folder) -> Result<Vec<u8>, OpenError> {
         Err(OpenError::Io { error, .. }) if error.kind() == ErrorKind::NotFound => {}
         other => return other,
     }
-    if store.join(JOURNAL_NAME).exists() {
+    if folder.has_any(&[store.join(JOURNAL_NAME)])? {
         return Err(OpenError::Incomplete { path: store.into(), percent: journal_percent(store).unwrap_or(0) });
     }
-    if store.join(".zgroup").exists() || store.join(".zarray").exists() {
+    if folder.has_any(&[store.join(".zgroup"), store.join(".zarray")])? {
         let feature = "a Zarr v2 hierarchy (OME-Zarr 0.4 or older)".into();
         return Err(OpenError::Unsupported { path: store.into(), feature, advice: OTHERS_STORE });
     }

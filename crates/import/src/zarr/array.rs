@@ -4,7 +4,7 @@
 #[cfg(test)]
 mod tests;
 
-use super::chunk_file::{ChunkFile, ChunkFiles};
+use super::chunk_file::{self, ChunkFile, ChunkFiles, Opened};
 use super::document::Document;
 use super::kept_chunks::{KeptChunks, Kind, Needs};
 use super::layout::{Layout, ZarrVersion, product};
@@ -13,9 +13,12 @@ use crate::element::{Element, Endian};
 use crate::error::{ImportError, Result};
 use crate::stamp::Stamp;
 use crate::strided_copy::{CopyAxis, copy, swap_bytes};
+use brickyard_objects::is_address;
 use serde_json::{Map, Value};
+use std::panic::resume_unwind;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::thread;
 
 /// An array of numbers.
 pub(crate) struct Array {
@@ -195,20 +198,48 @@ impl Array {
         let first: Vec<u64> = (0..axes).map(|a| start[a] / chunk[a]).collect();
         let last: Vec<u64> = (0..axes).map(|a| (start[a] + shape[a] - 1) / chunk[a]).collect();
         let is_one_chunk = shape == chunk && (0..axes).all(|a| start[a].is_multiple_of(chunk[a]));
-        if is_one_chunk && self.layout.is_plain() {
+        if is_one_chunk && self.layout.is_plain() && !self.is_remote() {
             self.decode_in_place(&first, out)?;
         } else {
             let target = Target { start, shape, strides: strides(shape, element_bytes) };
-            let mut place = first.clone();
-            loop {
-                let decoded = self.load(&place)?;
-                self.copy(decoded.as_ref().map(|bytes| &bytes[..]), &place, &target, out);
-                if !step(&mut place, &first, &last) {
-                    break;
+            let (mut next, mut places) = (Some(first.clone()), Vec::new());
+            while let Some(mut place) = next {
+                places.push(place.clone());
+                next = step(&mut place, &first, &last).then_some(place);
+                if next.is_none() || places.len() == self.at_once() {
+                    for (place, decoded) in places.iter().zip(self.load_each(&places)) {
+                        let decoded = decoded?;
+                        self.copy(decoded.as_ref().map(|bytes| &bytes[..]), place, &target, out);
+                    }
+                    places.clear();
                 }
             }
         }
         self.stamp.check(&self.document)
+    }
+
+    fn is_remote(&self) -> bool {
+        is_address(&self.path)
+    }
+
+    /// Chunks loaded at once: one from disk, at an address several, which share round trips, within a quarter of the memory of those kept.
+    fn at_once(&self) -> usize {
+        const MOST: u64 = 16;
+        if self.is_remote() {
+            (self.kept.bytes() / 4 / self.chunk_bytes.max(1) as u64).clamp(1, MOST) as usize
+        } else {
+            1
+        }
+    }
+
+    /// Loads chunks, each on a thread of its own unless there is but one.
+    fn load_each(&self, places: &[Vec<u64>]) -> Vec<Result<Option<Arc<Vec<u8>>>>> {
+        let [one, others @ ..] = places else { return Vec::new() };
+        thread::scope(|scope| {
+            let others: Vec<_> = others.iter().map(|place| scope.spawn(|| self.load(place))).collect();
+            let joined = others.into_iter().map(|other| other.join().unwrap_or_else(|panic| resume_unwind(panic)));
+            std::iter::once(self.load(one)).chain(joined).collect()
+        })
     }
 
     /// Decodes a chunk which is all of the wanted box.
@@ -229,7 +260,11 @@ impl Array {
     /// The decoded chunk at a place of the grid of chunks; `None` if it was never written.
     fn load(&self, place: &[u64]) -> Result<Option<Arc<Vec<u8>>>> {
         if let Some(decoded) = self.kept.get(Kind::Chunk, place) {
-            return Ok(Some(decoded));
+            return Ok((!decoded.is_empty()).then_some(decoded));
+        }
+        if self.is_remote() {
+            let decoded = self.kept.get_or_load(&self.path, Kind::Chunk, place, || self.fetch(place))?;
+            return Ok((!decoded.is_empty()).then_some(decoded));
         }
         let Some(coded) = self.locate(place)? else { return Ok(None) };
         self.kept
@@ -240,12 +275,34 @@ impl Array {
             .map(Some)
     }
 
+    /// Decodes a chunk at an address; nothing stands for one never written, so that it is asked for once. One that was damaged on the way is fetched
+    /// once more.
+    fn fetch(&self, place: &[u64]) -> Result<Vec<u8>> {
+        let once = || {
+            let Some(coded) = self.locate(place)? else { return Ok(Vec::new()) };
+            let mut decoded = room(self.chunk_bytes).map_err(ImportError::io(&coded.file.path))?;
+            self.decode(coded, &mut decoded).map(|()| decoded)
+        };
+        match once() {
+            Err(ImportError::Invalid { path, .. }) => {
+                chunk_file::forget(&path);
+                once()
+            }
+            done => done,
+        }
+    }
+
     /// Opens the file of a chunk, and finds its bytes there; `None` if it was never written.
     fn locate(&self, place: &[u64]) -> Result<Option<Coded>> {
         let per_file = |a: usize| self.layout.file_shape[a] / self.layout.chunk_shape[a];
         let file_place: Vec<u64> = place.iter().enumerate().map(|(a, at)| at / per_file(a)).collect();
         let path = self.layout.keys.path(&self.path, &file_place);
-        let Some(mut file) = self.files.open(&self.path, path)? else { return Ok(None) };
+        let opened = match &self.layout.shard {
+            None => Opened::Whole(self.layout.codecs.coded_bytes(self.chunk_bytes as u64)[1]),
+            Some(shard) if shard.is_at_start => Opened::Start(self.index_bytes),
+            Some(_) => Opened::End(self.index_bytes),
+        };
+        let Some(mut file) = self.files.open(&self.path, path, opened)? else { return Ok(None) };
         let [start, bytes] = match &self.layout.shard {
             None => [0, file.bytes()],
             Some(shard) => {

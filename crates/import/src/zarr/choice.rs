@@ -4,6 +4,7 @@
 use super::array::Array;
 use super::collection::{Collection, collect, labels_in, labels_of, paths_in_words};
 use super::field::{Field, Ome};
+use super::image_label::FOLDER;
 use super::multiscales::Multiscale;
 use super::node::{Group, Node, open_node};
 use super::paths::{in_words, inside};
@@ -12,6 +13,7 @@ use crate::error::{ImportError, Result};
 use crate::files::name_of;
 use crate::note::{Note, Setting};
 use crate::variable::MARK;
+use brickyard_objects::is_address;
 use std::path::{Path, PathBuf};
 
 /// Images whose shapes are told in a message; more are counted.
@@ -48,7 +50,7 @@ pub(super) fn choose(root: &Path, name: Option<&str>) -> Result<(Target, Vec<Not
         ImportError::options(root, format!("`variable` {name}: expected {expected}, from the store's folder on"))
     })?;
     let named = root.join(&path);
-    if named.is_dir()
+    if (is_address(&named) || named.is_dir())
         && let Some(node) = open_node(&named)?
     {
         return only(&named, node);
@@ -155,8 +157,8 @@ fn only(path: &Path, node: Node) -> Result<(Target, Vec<Note>)> {
 
 /// Whether a group of labels around lists this one.
 fn is_listed(folder: &Path) -> Result<bool> {
-    let folder = std::path::absolute(folder).map_err(ImportError::io(folder))?;
-    for around in folder.ancestors().skip(1).take(2) {
+    let folder = absolute(folder)?;
+    for around in around(&folder).take(2) {
         let Ok(Some(Node::Group(group))) = open_node(around) else { continue };
         let labels = labels_in(&Ome::of(&group)).unwrap_or_default();
         if labels.iter().any(|path| around.join(path) == folder) {
@@ -166,10 +168,21 @@ fn is_listed(folder: &Path) -> Result<bool> {
     Ok(false)
 }
 
+/// A path from the root on; an address as it is.
+fn absolute(path: &Path) -> Result<PathBuf> {
+    if is_address(path) { Ok(path.to_owned()) } else { std::path::absolute(path).map_err(ImportError::io(path)) }
+}
+
+/// The folders around one; at an address none, but for those around labels: each look costs a round trip.
+fn around(folder: &Path) -> impl Iterator<Item = &Path> {
+    let is_near = !is_address(folder) || folder.ancestors().skip(1).take(2).any(|around| around.ends_with(FOLDER));
+    folder.ancestors().skip(1).filter(move |_| is_near)
+}
+
 /// A warning of an image that a scene around it places.
 fn in_scene(folder: &Path) -> Result<Option<Note>> {
-    let folder = std::path::absolute(folder).map_err(ImportError::io(folder))?;
-    for around in folder.ancestors().skip(1).take(2) {
+    let folder = absolute(folder)?;
+    for around in around(&folder).take(2) {
         let Ok(Some(Node::Group(group))) = open_node(around) else { continue };
         let ome = Ome::of(&group);
         let Some(list) = ome.get("scene").and_then(|scene| scene.get("coordinateTransformations")) else { continue };
@@ -191,7 +204,7 @@ fn in_scene(folder: &Path) -> Result<Option<Note>> {
 fn image_around(array: &Array) -> Result<Option<ImageTarget>> {
     /// Most folders from an image to its levels.
     const MOST_FOLDERS: usize = 3;
-    let folder = std::path::absolute(array.path()).map_err(ImportError::io(array.path()))?;
+    let folder = absolute(array.path())?;
     for around in folder.ancestors().skip(1).take(MOST_FOLDERS) {
         let Ok(Some(Node::Group(group))) = open_node(around) else { continue };
         let is_it = |path: &str| inside(path).is_ok_and(|path| around.join(path) == folder);

@@ -10,6 +10,7 @@ use crate::cf::helpers_of;
 use crate::error::{ImportError, Result};
 use crate::file_order::in_natural_order;
 use crate::files::{listed, name_of};
+use brickyard_objects::at;
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
@@ -141,7 +142,7 @@ struct Walk<'a> {
 
 impl Walk<'_> {
     fn visit(&mut self, at: &Path, depth: usize) -> Result<()> {
-        let folders = listed(&self.root.join(at))?.into_iter().filter(|path| path.is_dir()).collect::<Vec<_>>();
+        let folders = folders_in(&self.root.join(at))?;
         for folder in in_natural_order(&folders) {
             self.seen += 1;
             if self.seen > MOST_NODES {
@@ -170,6 +171,17 @@ impl Walk<'_> {
             }
         }
         Ok(())
+    }
+}
+
+/// The folders in a folder.
+fn folders_in(folder: &Path) -> Result<Vec<PathBuf>> {
+    match at(folder).map_err(ImportError::io(folder))? {
+        None => Ok(listed(folder)?.into_iter().filter(|path| path.is_dir()).collect()),
+        Some(place) => {
+            let names = place.objects.folders(&place.name).map_err(ImportError::io(folder))?;
+            Ok(names.into_iter().filter(|name| !name.starts_with('.')).map(|name| folder.join(name)).collect())
+        }
     }
 }
 

@@ -2,6 +2,7 @@
 
 use crate::error::{ImportError, Result};
 use crate::stamp::Stamp;
+use brickyard_objects::at;
 use serde::de::{Deserializer, IgnoredAny, MapAccess, Visitor};
 use serde_json::{Map, Value};
 use std::fs::File;
@@ -27,6 +28,10 @@ pub(super) struct Document {
 impl Document {
     /// Reads a document; `None` if there is no such file.
     pub(super) fn read(path: PathBuf) -> Result<Option<Self>> {
+        if let Some(place) = at(&path).map_err(ImportError::io(&path))? {
+            let object = place.document(MOST_BYTES).map_err(ImportError::io(&path))?;
+            return object.map(|object| Self::parsed(path, &object.bytes, Stamp::NONE)).transpose();
+        }
         // Looked at first: a pipe of that name would wait for its writer.
         let metadata = match std::fs::metadata(&path) {
             Ok(metadata) if metadata.is_file() => metadata,
@@ -40,11 +45,30 @@ impl Document {
         if bytes.len() as u64 > MOST_BYTES {
             return Err(ImportError::unsupported(&path, format!("a document of more than {} MiB", MOST_BYTES >> 20)));
         }
-        let fields = parse(&bytes).map_err(|error| {
+        Self::parsed(path, &bytes, Stamp::in_metadata(&metadata)).map(Some)
+    }
+
+    fn parsed(path: PathBuf, bytes: &[u8], stamp: Stamp) -> Result<Self> {
+        let fields = parse(bytes).map_err(|error| {
             let problem = format!("damaged: this document of Zarr is no JSON object: {error}; fetch or write it again");
             ImportError::invalid(&path, problem)
         })?;
-        Ok(Some(Self { stamp: Stamp::in_metadata(&metadata), path, fields }))
+        Ok(Self { path, fields, stamp })
+    }
+
+    /// Whether a document is there. One at an address that cannot be looked at is none.
+    pub(super) fn is_there(path: &Path) -> bool {
+        match at(path) {
+            Ok(Some(place)) => place.document(MOST_BYTES).is_ok_and(|document| document.is_some()),
+            _ => path.is_file(),
+        }
+    }
+
+    /// Reads documents in a folder at an address all at once, ahead of [`Document::read`].
+    pub(super) fn look_ahead(folder: &Path, names: &[String]) {
+        if let Ok(Some(place)) = at(folder) {
+            place.look_ahead(names, MOST_BYTES);
+        }
     }
 
     /// The document's outermost fields.

@@ -1,6 +1,7 @@
 //! The documents behind a source's description, and their state when it was opened. Costs a look at each file.
 
 use super::array::Array;
+use super::document::Document;
 use super::field::attributes_file;
 use super::node::{Group, ZarrVersion};
 use crate::axes::Axis;
@@ -26,7 +27,7 @@ impl Documents {
             ZarrVersion::V2 => &[".zarray", ".zattrs"],
         };
         let paths = of_group.into_iter().chain(own.iter().map(|name| array.path().join(name)));
-        let files = paths.filter(|path| path.is_file()).map(|path| Ok((path.clone(), Stamp::of(&path)?)));
+        let files = paths.filter(|path| Document::is_there(path)).map(|path| Ok((path.clone(), Stamp::of(&path)?)));
         Ok(Self { files: files.collect::<Result<_>>()? })
     }
 

@@ -3,6 +3,7 @@
 
 use super::array::Array;
 use super::choice::{ImageTarget, Target, choose};
+use super::document::Document;
 use super::documents::Documents;
 use super::field::{Ome, attributes_file};
 use super::image_axes::arrange;
@@ -52,6 +53,10 @@ pub fn open_image(path: &Path) -> Result<Image, ImportError> {
         }
         Target::Image(image) => image,
     };
+    // At an address all levels' documents at once.
+    let documents = |level: &Level| ["zarr.json", ".zarray", ".zattrs"].map(|name| format!("{}/{name}", level.path));
+    let documents: Vec<String> = image.multiscale.levels.iter().flat_map(documents).collect();
+    Document::look_ahead(image.group.path(), &documents);
     let finest = LevelArray::open(&image, image.level, &options)?;
     let kind = image_label::kind_of(&Ome::of(&image.group), image.is_listed, VoxelType::U32);
     // No label is below 0 as a rule, and one that is will be refused.

@@ -51,13 +51,14 @@ impl Default for Shared {
 }
 
 impl Shared {
-    /// Makes room for the bytes wanted, within the arrays' needs. Forgets all chunks if it changes.
-    fn resize(&mut self) {
+    /// The bytes wanted, within the arrays' needs.
+    fn bytes(&self) -> usize {
         let bytes = self.wanted_bytes.max(self.needs.least).min(self.needs.most);
-        let bytes = usize::try_from(bytes).unwrap_or(usize::MAX);
-        if bytes != self.cache.capacity_bytes() {
-            self.cache = Arc::new(ChunkCache::new(bytes, SLOTS));
-        }
+        usize::try_from(bytes).unwrap_or(usize::MAX)
+    }
+
+    fn is_of_size(&self) -> bool {
+        self.bytes() == self.cache.capacity_bytes()
     }
 }
 
@@ -68,20 +69,17 @@ impl KeptChunks {
         let array = shared.arrays;
         shared.arrays += 1;
         shared.needs = Needs { least: shared.needs.least.max(least), most: shared.needs.most.saturating_add(most) };
-        shared.resize();
         Self { shared: self.shared.clone(), array }
     }
 
-    /// Keeps so many bytes: two chunks of each array at least, and all at most.
+    /// Keeps so many bytes from the next look on: two chunks of each array at least, and all at most. Forgets all chunks if that is another number.
     pub(super) fn keep_at_most(&self, bytes: u64) {
-        let mut shared = self.write();
-        shared.wanted_bytes = bytes;
-        shared.resize();
+        self.write().wanted_bytes = bytes;
     }
 
     /// Most bytes kept.
     pub(super) fn bytes(&self) -> u64 {
-        self.cache().capacity_bytes() as u64
+        self.shared.read().unwrap_or_else(PoisonError::into_inner).bytes() as u64
     }
 
     /// The chunk or index at a place, if it is kept.
@@ -115,7 +113,16 @@ impl KeptChunks {
     }
 
     fn cache(&self) -> Arc<ChunkCache> {
-        self.shared.read().unwrap_or_else(PoisonError::into_inner).cache.clone()
+        let shared = self.shared.read().unwrap_or_else(PoisonError::into_inner);
+        if shared.is_of_size() {
+            return shared.cache.clone();
+        }
+        drop(shared);
+        let mut shared = self.write();
+        if !shared.is_of_size() {
+            shared.cache = Arc::new(ChunkCache::new(shared.bytes(), SLOTS));
+        }
+        shared.cache.clone()
     }
 
     fn write(&self) -> RwLockWriteGuard<'_, Shared> {

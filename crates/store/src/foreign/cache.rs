@@ -1,11 +1,10 @@
 //! An image's folder in the user's cache: files by name, each checked, so the next opening need not make them again. Folders of the images used least
-//! recently go first when all take more than [`MOST_BYTES`].
+//! recently go first when all take more than [`MOST_KEPT_BYTES`].
 //!
-//! `BRICKYARD_CACHE` names the cache, empty for none; else it is `brickyard` in `XDG_CACHE_HOME` or `~/.cache`. Whatever fails here costs time alone: what
-//! the file held is made again. Costs a file for each name, and a look at all files of the cache before the first write.
+//! Whatever fails here costs time alone: what the file held is made again. Costs a file for each name, and a look at all files of the cache before the first write.
 
 use brickyard_import::temporary::named_in;
-use std::ffi::OsString;
+use brickyard_objects::cache_folder;
 use std::fs;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
@@ -15,7 +14,7 @@ use std::time::SystemTime;
 use xxhash_rust::xxh3::{xxh3_64, xxh3_128};
 
 /// Most bytes of all images' files.
-const MOST_BYTES: u64 = 4 << 30;
+pub const MOST_KEPT_BYTES: u64 = 4 << 30;
 
 /// A file whose time tells the last use of its folder.
 const USED_NAME: &str = "used";
@@ -37,7 +36,7 @@ pub(crate) struct Cache {
 impl Cache {
     /// Finds the folder for the image with this identity, without making or reading it.
     pub(crate) fn of(identity: &str) -> Self {
-        Self::within(cache_root(|name| std::env::var_os(name)), MOST_BYTES, identity)
+        Self::within(cache_folder(), MOST_KEPT_BYTES, identity)
     }
 
     fn within(root: Option<PathBuf>, most_bytes: u64, identity: &str) -> Self {
@@ -118,17 +117,6 @@ fn write(image: &Path, path: &Path, bytes: &[u8]) -> io::Result<()> {
     Ok(())
 }
 
-/// The folder for caches, by the environment; `None` if it names none.
-fn cache_root(variable: impl Fn(&str) -> Option<OsString>) -> Option<PathBuf> {
-    let folder = |name: &str| variable(name).map(PathBuf::from).filter(|path| path.is_absolute());
-    match variable("BRICKYARD_CACHE") {
-        Some(named) => Some(PathBuf::from(named)).filter(|path| !path.as_os_str().is_empty()),
-        None => folder("XDG_CACHE_HOME")
-            .or_else(|| folder("HOME").map(|home| home.join(".cache")))
-            .map(|caches| caches.join("brickyard")),
-    }
-}
-
 /// Deletes the folders of other images than `own`, least recently used first, if all take more than three quarters of `most_bytes`, until half of it is
 /// free. Returns the bytes left.
 fn make_room(own: &Path, most_bytes: u64) -> u64 {
@@ -142,6 +130,34 @@ fn make_room(own: &Path, most_bytes: u64) -> u64 {
         }
     }
     most_bytes.saturating_sub(total)
+}
+
+/// Statistics and levels kept of other programs' images.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct KeptImages {
+    /// Images.
+    pub images: u64,
+    /// Bytes of their files.
+    pub bytes: u64,
+}
+
+/// Counts the images in a user's cache folder.
+pub fn kept_images(cache_folder: &Path) -> KeptImages {
+    let images = images_in(cache_folder);
+    KeptImages { images: images.len() as u64, bytes: images.iter().map(|(.., bytes)| bytes).sum() }
+}
+
+/// Deletes the images in a user's cache folder.
+///
+/// # Errors
+/// If the system refuses to delete one.
+pub fn clear_images(cache_folder: &Path) -> io::Result<KeptImages> {
+    let mut cleared = KeptImages::default();
+    for (_, folder, bytes) in images_in(cache_folder) {
+        fs::remove_dir_all(folder)?;
+        cleared = KeptImages { images: cleared.images + 1, bytes: cleared.bytes + bytes };
+    }
+    Ok(cleared)
 }
 
 /// Last use, folder and bytes of each image in the cache. Other things there are left alone.
@@ -220,18 +236,5 @@ mod tests {
         let a = cache(root.path(), 3_000, "a");
         a.forget_states_but("2");
         assert!(a.write("2/0", &[0; 2_000]) && a.read("index").is_some() && a.read("1/0").is_none());
-    }
-
-    #[test]
-    fn the_environment_names_the_folder() {
-        let of = |variables: &[(&str, &str)]| {
-            let find = |name: &str| variables.iter().find(|(n, _)| *n == name).map(|(_, value)| OsString::from(value));
-            cache_root(find).map(|path| path.display().to_string())
-        };
-        assert_eq!(of(&[]), None);
-        assert_eq!(of(&[("HOME", "/home/a")]).unwrap(), "/home/a/.cache/brickyard");
-        assert_eq!(of(&[("HOME", "/home/a"), ("XDG_CACHE_HOME", "/c")]).unwrap(), "/c/brickyard");
-        assert_eq!(of(&[("HOME", "/home/a"), ("BRICKYARD_CACHE", "")]), None);
-        assert_eq!(of(&[("HOME", "/home/a"), ("BRICKYARD_CACHE", "here")]).unwrap(), "here");
     }
 }

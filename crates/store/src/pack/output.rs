@@ -14,7 +14,7 @@
 
 use crate::error::OpenError;
 use crate::folder::Folder;
-use crate::inside::{check_outside, named};
+use crate::inside::{check_on_disk, check_outside, named};
 use crate::json::read_json;
 use crate::layout::{JOURNAL_NAME, LOCK_NAME};
 use crate::ngff::Ngff;
@@ -483,6 +483,7 @@ fn find(path: &Path) -> Result<Found, PackError> {
 
 /// Resolves a directory to a path without links and with a name, to allow others beside it.
 pub(crate) fn resolve(store: &Path) -> Result<PathBuf, PackError> {
+    check_on_disk(store)?;
     // Without a trailing slash, which would follow a link.
     let store = store.components().as_path();
     let is_link = std::fs::symlink_metadata(store).is_ok_and(|file| file.is_symlink());
