@@ -1,5 +1,6 @@
 //! The whole system end to end: all tests fit to run beside others.
 
+mod addresses;
 mod append;
 mod append_faults;
 mod aprons;

@@ -100,6 +100,7 @@ pub use window::{background, curve, following, opening, pick, preview, probe};
 pub use brickyard_export as export;
 pub use brickyard_extract as extract;
 pub use brickyard_import as import;
+pub use brickyard_objects as addresses;
 pub use brickyard_pager as pager;
 #[cfg(feature = "reference")]
 pub use brickyard_reference as reference;

@@ -2,6 +2,7 @@
 
 use crate::memory::ProcessMemory;
 use crate::session::Session;
+use brickyard_objects::{Traffic, traffic};
 use brickyard_pager::Status;
 use serde::Serialize;
 use std::time::Instant;
@@ -23,6 +24,10 @@ pub struct RenderStats {
     pub first_image_ms: f64,
     /// From the start of the command's work to the first settled picture, milliseconds.
     pub settled_ms: f64,
+    /// Requests and bytes of stores at addresses until the first complete picture.
+    pub first_image_fetched: Fetched,
+    /// Requests and bytes of stores at addresses in the whole process.
+    pub fetched: Fetched,
     /// Highest accounted bytes of the backend.
     pub gpu_bytes_peak: u64,
     /// Bytes requested by the backend, including any refused by the device.
@@ -55,6 +60,25 @@ pub struct RenderStats {
     /// Number of cells of the last picture drawn from each level, finest first. Filled by the command and by exact
     /// pictures in passes, otherwise empty.
     pub level_cells: Vec<usize>,
+}
+
+/// Counts of a process at addresses.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Fetched {
+    /// Requests, failed ones too.
+    pub requests: u64,
+    /// Bytes of answers.
+    pub bytes: u64,
+    /// Failed requests, made again or given up.
+    pub failures: u64,
+}
+
+impl Fetched {
+    /// The counts now.
+    pub fn now() -> Self {
+        let Traffic { requests, bytes, failures, .. } = traffic();
+        Self { requests, bytes, failures }
+    }
 }
 
 /// The middle and the tail of a list of times.
@@ -144,6 +168,7 @@ impl RenderStats {
             decoded: status.counters.bytes_decoded,
             uploaded: status.counters.bytes_uploaded,
         };
+        self.fetched = Fetched::now();
         self.completeness = status.completeness;
         self.effective_pixel_error = Some(status.effective_error_px).filter(|error| error.is_finite());
         self.pixel_error = status.pixel_error;

@@ -100,6 +100,11 @@ pub(crate) const QUALITY: &str = "\
 Example:
   brickyard quality scan.zarr -o quality";
 
+pub(crate) const CACHE: &str = "\
+Examples:
+  brickyard cache info
+  brickyard cache clear";
+
 pub(crate) const DOCTOR: &str = "\
 Example:
   brickyard doctor";
@@ -136,6 +141,7 @@ mod tests {
             SYNTH,
             BENCH,
             QUALITY,
+            CACHE,
             DOCTOR,
             COMPLETIONS,
             MAN,

@@ -29,4 +29,6 @@ pub(crate) const RAW: &str = "Raw";
 pub(crate) const STORE: &str = "Store";
 /// The work's limits and files.
 pub(crate) const WORK: &str = "Work";
+/// Buckets and their servers.
+pub(crate) const ADDRESSES: &str = "Addresses";
 pub(crate) const ALL: &str = "Everywhere";

@@ -2,11 +2,13 @@
 //! exit code. 0 ok, 1 failed, 2 usage, 3 bad input, 4 incomplete but resumable, 5 verification failed, 130 stopped by
 //! Ctrl-C.
 
+mod address_args;
 mod advice;
 mod allocator;
 mod append;
 mod bench;
 mod bench_play;
+mod cache;
 mod camera_path;
 mod channel_args;
 mod completions;
@@ -77,6 +79,8 @@ struct Arguments {
     /// Print nothing but errors
     #[arg(help_heading = heading::ALL, short, long, global = true)]
     quiet: bool,
+    #[command(flatten)]
+    addresses: address_args::AddressArguments,
     /// The subcommand.
     #[command(subcommand)]
     command: Command,
@@ -132,6 +136,9 @@ enum Command {
     /// filter, lighting, jitter, step and level of the scene itself
     #[command(after_help = examples::QUALITY)]
     Quality(Box<quality::QualityArguments>),
+    /// Show or delete what is kept on disk of stores at addresses and other programs' Zarr
+    #[command(after_help = examples::CACHE)]
+    Cache(cache::CacheArguments),
     /// Print this machine's capabilities, and test them
     #[command(after_help = examples::DOCTOR)]
     Doctor(doctor::DoctorArguments),
@@ -150,23 +157,27 @@ fn main() -> ExitCode {
         // SAFETY: no other thread that could read the environment exists yet.
         unsafe { std::env::set_var("NODEVICE_SELECT", "1") };
     }
-    let words: Vec<_> = std::env::args_os().skip(1).map(|word| word.to_string_lossy().into_owned()).collect();
+    let typed: Vec<_> = std::env::args_os().map(address_args::local).collect();
+    let words: Vec<_> = typed.iter().skip(1).map(|word| word.to_string_lossy().into_owned()).collect();
     match help::print(&words) {
         Ok(true) => return ExitCode::SUCCESS,
         Ok(false) => {}
         Err(failure) => return failed(&failure),
     }
-    let matches = Arguments::command().get_matches();
+    let matches = Arguments::command().get_matches_from(typed);
     let arguments = Arguments::from_arg_matches(&matches);
     let arguments = arguments.unwrap_or_else(|error| error.format(&mut Arguments::command()).exit());
     if arguments.quiet {
         say::be_quiet();
     }
     set_up_log(arguments.verbose, arguments.quiet);
+    arguments.addresses.configure();
     if let Err(error) = fail_past_file_limit() {
         tracing::warn!("a file past the limit of file sizes ends the process: {error}");
     }
-    match run(arguments.command, &matches) {
+    let done = run(arguments.command, &matches);
+    address_args::tell_unconfirmed();
+    match done {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => failed(&failure),
     }
@@ -207,6 +218,7 @@ fn run(command: Command, matches: &ArgMatches) -> Result<(), Failure> {
         Command::Synth(arguments) => synth::run(arguments),
         Command::Bench(arguments) => bench::run(&arguments),
         Command::Quality(arguments) => quality::run(&arguments),
+        Command::Cache(arguments) => cache::run(&arguments),
         Command::Doctor(arguments) => doctor::run(&arguments),
         Command::Completions(arguments) => completions::run(&arguments),
         Command::Man(arguments) => man::run(&arguments),

@@ -89,6 +89,7 @@ pub(crate) fn may_write_mesh(path: &Path, overwrite: bool) -> Result<(), Failure
 /// # Errors
 /// Exit code 2 if not.
 pub(crate) fn may_write_file(path: &Path, overwrite: bool) -> Result<(), Failure> {
+    check_outside(path).map_err(Failure::usage)?;
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
     if let Some(folder) = folder.filter(|folder| !folder.is_dir()) {
         return Err(Failure::usage(format!("{}: there is no folder {}", path.display(), folder.display())));

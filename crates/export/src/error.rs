@@ -1,7 +1,7 @@
 //! Errors of exports, grouped by the caller's remedy.
 
 use brickyard_import::ImportError;
-use brickyard_store::{InsideStore, PackError, ReadError};
+use brickyard_store::{PackError, ReadError, UnfitOutput};
 use std::path::{Path, PathBuf};
 
 /// Ends of names with a format, for messages.
@@ -18,7 +18,7 @@ pub enum ExportError {
     },
     /// The output would lie inside a store.
     #[error(transparent)]
-    Inside(#[from] InsideStore),
+    Inside(#[from] UnfitOutput),
     /// The output's name belongs to no supported format.
     #[error("{path}: cannot export to this name; choose one ending in {names}", names = NAMES)]
     Extension {

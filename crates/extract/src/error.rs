@@ -1,6 +1,6 @@
 //! Errors of extraction.
 
-use brickyard_store::{InsideStore, ReadError};
+use brickyard_store::{ReadError, UnfitOutput};
 use std::path::PathBuf;
 
 /// Why there is no mesh.
@@ -14,7 +14,7 @@ pub enum MeshError {
     },
     /// The output would lie inside a store.
     #[error(transparent)]
-    Inside(#[from] InsideStore),
+    Inside(#[from] UnfitOutput),
     /// The output's extension belongs to no supported format.
     #[error("{path}: cannot write a mesh to this extension; choose a name ending in .stl, .ply, .obj or .glb")]
     Extension {

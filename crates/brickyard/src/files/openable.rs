@@ -2,6 +2,7 @@
 
 use crate::session::volume_source::VolumeSource;
 use brickyard_import::{self as import, ImportError, OpenOptions, Source};
+use brickyard_objects::is_address;
 use brickyard_store::layout::JOURNAL_NAME;
 use brickyard_store::{Kind, OpenError, PackOptions, Reductions, is_foreign};
 use brickyard_volume::VoxelType;
@@ -28,9 +29,9 @@ pub enum OpenableError {
     Source(#[from] ImportError),
 }
 
-/// Whether a path is a store, an unfinished pack of one, or another program's Zarr, by the files in it.
+/// Whether a path is a store, an unfinished pack of one, or another program's Zarr, by the files in it; all addresses are.
 pub fn is_store(path: &Path) -> bool {
-    path.join("zarr.json").is_file() || path.join(JOURNAL_NAME).exists() || is_foreign(path)
+    is_address(path) || path.join("zarr.json").is_file() || path.join(JOURNAL_NAME).exists() || is_foreign(path)
 }
 
 /// Whether a path is a mesh, shown beside volumes, by its name.

@@ -2,7 +2,7 @@
 
 use crate::files::picture_file::{PictureError, write_shown};
 use crate::session::{Frame, ResolvedScene, Session, SessionError};
-use crate::stats::{Percentiles, RenderStats, ms};
+use crate::stats::{Fetched, Percentiles, RenderStats, ms};
 use brickyard_pager::Status;
 use brickyard_volume::{Picture, Scene};
 use std::path::Path;
@@ -153,7 +153,7 @@ fn settle(
         stats.record(status, session.backend_bytes());
         if stats.first_image_ms == 0.0 && status.covered {
             session.draw(&frame)?;
-            stats.first_image_ms = ms(started);
+            (stats.first_image_ms, stats.first_image_fetched) = (ms(started), Fetched::now());
         }
         if status.settled {
             return Ok(frame);
