@@ -1,6 +1,6 @@
 //! Flags for stores at addresses, by the names of AWS's tools, and addresses of files on disk.
 
-use crate::{heading, values};
+use crate::{Command, heading, values};
 use brickyard::addresses;
 use brickyard::volume::counted;
 use std::ffi::OsString;
@@ -18,9 +18,10 @@ pub(crate) struct AddressArguments {
     /// Read buckets without credentials even if the environment has some
     #[arg(help_heading = heading::ADDRESSES, long, global = true)]
     no_sign_request: bool,
-    /// Most disk space for what was fetched, of all addresses; 0 for none
-    #[arg(help_heading = heading::ADDRESSES, long, global = true, value_name = "SIZE", value_parser = cache_bytes, default_value = "10GiB")]
-    cache: u64,
+    /// Most disk space for what was fetched, of all addresses; 0 for none [default: 10GiB; none for 'pack' and 'append',
+    /// which read all once; 'verify' always asks the server]
+    #[arg(help_heading = heading::ADDRESSES, long, global = true, value_name = "SIZE", value_parser = cache_bytes)]
+    cache: Option<u64>,
 }
 
 /// Reads a byte count, or 0.
@@ -30,11 +31,20 @@ fn cache_bytes(text: &str) -> Result<u64, String> {
 
 impl AddressArguments {
     /// Applies the flags to all addresses of this process.
-    pub(crate) fn configure(self) {
+    pub(crate) fn configure(self, command: &Command) {
         let Self { endpoint, region, no_sign_request, cache } = self;
-        let settings =
-            addresses::Settings { endpoint, region, no_sign_request, cache_bytes: cache, ..Default::default() };
-        addresses::configure(settings);
+        let cache_bytes = match command {
+            Command::Verify(_) => 0,
+            Command::Pack(_) | Command::Append(_) => cache.unwrap_or(0),
+            _ => cache.unwrap_or(addresses::DEFAULT_CACHE_BYTES),
+        };
+        addresses::configure(addresses::Settings {
+            endpoint,
+            region,
+            no_sign_request,
+            cache_bytes,
+            ..Default::default()
+        });
     }
 }
 

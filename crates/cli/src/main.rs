@@ -171,7 +171,7 @@ fn main() -> ExitCode {
         say::be_quiet();
     }
     set_up_log(arguments.verbose, arguments.quiet);
-    arguments.addresses.configure();
+    arguments.addresses.configure(&arguments.command);
     if let Err(error) = fail_past_file_limit() {
         tracing::warn!("a file past the limit of file sizes ends the process: {error}");
     }

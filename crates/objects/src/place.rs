@@ -55,6 +55,17 @@ impl Place {
         self.look_up(&names, most_bytes);
     }
 
+    /// Forgets what was looked at in this folder: it changed.
+    pub fn look_again(&self) {
+        let is_inside = |(root, name): &(Arc<str>, String)| {
+            *root == self.root
+                && name.strip_prefix(&*self.name).is_some_and(|rest| rest.is_empty() || rest.starts_with('/'))
+        };
+        if let Some(documents) = lock(&DOCUMENTS).as_mut() {
+            documents.retain(|key, _| !is_inside(key));
+        }
+    }
+
     fn look_up(&self, names: &[String], most_bytes: u64) -> Vec<io::Result<Option<Arc<Object>>>> {
         let key = |name: &String| (self.root.clone(), name.clone());
         let is_fresh = |read: &Instant| read.elapsed() < KEPT;

@@ -6,6 +6,7 @@
 //! Objects kept on disk are asked for on condition that they changed, once for each reading of them; ranges of an object in a known state need no
 //! request. While the server cannot be reached they are taken as they are, and counted.
 
+mod aws_profile;
 mod buckets;
 mod faults;
 mod joined;
@@ -172,19 +173,26 @@ impl Remote {
         read.ok_or_else(|| Fault::Lying { problem: "unchanged, as if it were kept here".into() })
     }
 
-    /// Makes a request until it is answered or fails for good; `None` if the object is as on condition. Where its part is kept, a server out of reach
-    /// is asked once.
+    /// Makes a request until it is answered or fails for good; `None` if the object is as on condition. A server out of reach is asked once where the
+    /// part is kept, or after it was out of reach a moment ago.
     async fn read_patiently(&self, name: &str, wanted: &Wanted<'_>) -> Result<Option<Object>, Fault> {
         let mut tries = 1;
         loop {
             let fault = match self.read_once(name, wanted).await {
-                Ok(read) => return Ok(read),
+                Ok(read) => {
+                    *self.unreached.lock().unwrap_or_else(PoisonError::into_inner) = None;
+                    return Ok(read);
+                }
                 Err(Fault::Forbidden { .. }) if self.hides_absence(name).await => Fault::Absent,
                 Err(fault) => fault,
             };
             FAILURES.fetch_add(u64::from(fault != Fault::Absent), Ordering::Relaxed);
             let is_out_of_reach = matches!(fault, Fault::Unreachable { .. } | Fault::Slow { .. });
-            if !fault.is_passing() || tries == TRIES || wanted.unless.is_some() && is_out_of_reach {
+            let is_enough = wanted.unless.is_some() || self.is_left_alone();
+            if !fault.is_passing() || tries == TRIES || is_enough && is_out_of_reach {
+                if is_out_of_reach {
+                    self.leave_alone();
+                }
                 return Err(match fault {
                     Fault::Broken { status, .. } => Fault::Broken { status, times: tries },
                     fault => fault,
@@ -251,14 +259,15 @@ impl Remote {
         let slow = || Fault::Slow { seconds: ANSWER_WAIT.as_secs() };
         let asked = timeout(CONNECT_WAIT + ANSWER_WAIT, self.store.get_opts(&path, wanted.options()));
         let answer = match asked.await.map_err(|_| slow())? {
-            Ok(answer) => answer,
-            Err(object_store::Error::NotModified { .. }) => return Ok(None),
+            Ok(answer) => Some(answer),
+            Err(object_store::Error::NotModified { .. }) => None,
             Err(error) => return Err(fault_of(&error)),
         };
         if !self.given.initialized() {
             // Another one may be first.
             drop(self.given.set(name.to_owned()));
         }
+        let Some(answer) = answer else { return Ok(None) };
         let latency = begun.elapsed();
         let version = wanted::version_of(&answer.meta);
         if wanted.is_head() {

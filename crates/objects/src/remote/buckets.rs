@@ -1,5 +1,6 @@
 //! Connections to hosts and buckets, by the settings and the environment.
 
+use super::aws_profile::AwsProfile;
 use super::limits::{ANSWER_WAIT, CONNECT_WAIT, MOST_AT_ONCE};
 use crate::address::Address;
 use crate::disk_cache::DiskCache;
@@ -9,6 +10,9 @@ use object_store::azure::MicrosoftAzureBuilder;
 use object_store::gcp::GoogleCloudStorageBuilder;
 use object_store::http::HttpBuilder;
 use object_store::{ClientOptions, ObjectStore, RetryConfig};
+
+/// Credentials of Google's own tools, in the home folder.
+const GCLOUD_FILE: &str = ".config/gcloud/application_default_credentials.json";
 
 /// The part of the user's cache for a host or bucket, if objects are kept.
 pub(super) fn cache(address: &Address) -> Option<DiskCache> {
@@ -36,18 +40,29 @@ pub(super) fn connect(address: &Address) -> object_store::Result<Box<dyn ObjectS
     Ok(match scheme.as_str() {
         "s3" => {
             let mut builder = AmazonS3Builder::from_env().with_bucket_name(authority);
-            // Anonymous unless the environment has credentials: instances' own are asked for at an address of theirs, which takes seconds elsewhere.
-            let is_signed = is_set(&[
+            // Instances' own credentials are asked for at an address of theirs, which takes seconds elsewhere: only if the environment says so.
+            let mut is_signed = is_set(&[
                 "AWS_ACCESS_KEY_ID",
                 "AWS_WEB_IDENTITY_TOKEN_FILE",
                 "AWS_CONTAINER_CREDENTIALS_RELATIVE_URI",
                 "AWS_CONTAINER_CREDENTIALS_FULL_URI",
             ]);
+            let profile = AwsProfile::of_user();
+            if let Some((key, secret, token)) = profile.credentials.filter(|_| !is_signed && !settings.no_sign_request)
+            {
+                builder = builder.with_access_key_id(key).with_secret_access_key(secret);
+                if let Some(token) = token {
+                    builder = builder.with_token(token);
+                }
+                is_signed = true;
+            }
             builder = builder.with_skip_signature(settings.no_sign_request || !is_signed);
-            if let Some(endpoint) = settings.endpoint {
+            let endpoint = profile.endpoint.filter(|_| !is_set(&["AWS_ENDPOINT_URL", "AWS_ENDPOINT"]));
+            if let Some(endpoint) = settings.endpoint.or(endpoint) {
                 builder = builder.with_endpoint(endpoint);
             }
-            if let Some(region) = settings.region {
+            let region = profile.region.filter(|_| !is_set(&["AWS_REGION", "AWS_DEFAULT_REGION"]));
+            if let Some(region) = settings.region.or(region) {
                 builder = builder.with_region(region);
             }
             Box::new(builder.with_allow_http(true).with_client_options(client).with_retry(retry).build()?)
@@ -59,7 +74,7 @@ pub(super) fn connect(address: &Address) -> object_store::Result<Box<dyn ObjectS
                 "GOOGLE_SERVICE_ACCOUNT",
                 "GOOGLE_SERVICE_ACCOUNT_KEY",
                 "GOOGLE_SERVICE_ACCOUNT_PATH",
-            ]);
+            ]) || std::env::home_dir().is_some_and(|home| home.join(GCLOUD_FILE).is_file());
             builder = builder.with_skip_signature(settings.no_sign_request || !is_signed);
             if let Some(endpoint) = &settings.endpoint {
                 builder = builder.with_base_url(endpoint);

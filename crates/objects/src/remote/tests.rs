@@ -166,6 +166,14 @@ fn refused_objects_are_absent_where_absent_ones_are_refused() {
     // All is refused: a right has ended.
     server.set_faults(|_, _| Some(Wrong::Status(403)));
     assert!(forbidden("a/c") && forbidden("a/b"));
+    // An object that is as it was kept is given, too.
+    let files = folder.path().to_owned();
+    server.set_faults(move |_, path| (!files.join(path).is_file()).then_some(Wrong::Status(403)));
+    let kept = tempfile::tempdir().unwrap();
+    for _ in 0..2 {
+        kept_place(&server, kept.path(), "a/b").whole(1 << 20).unwrap();
+        assert!(place(&server, "a/c").whole(10).unwrap().is_none());
+    }
     // Elsewhere absent objects are told.
     let (_folder, server, _) = served();
     server.set_faults(|_, path| (path == "a/c").then_some(Wrong::Status(403)));
