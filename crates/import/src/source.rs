@@ -272,6 +272,18 @@ pub trait Source: Send + Sync {
     /// If there is no such time step or channel, the box is empty or leaves the extent, or `out` is not exactly the box's size.
     fn read_box(&self, time: u32, channel: u32, region: VoxelBox, out: &mut [u8]) -> Result<(), ImportError>;
 
+    /// Reads and decodes the [pieces](Source::piece) of a box at an address, to be kept for reads that follow soon: none of them twice. Without effect
+    /// where no pieces are kept.
+    ///
+    /// # Errors
+    /// As for [`Source::read_box`].
+    ///
+    /// # Panics
+    /// If there is no such time step or channel, or the box leaves the extent.
+    fn fetch_box(&self, _time: u32, _channel: u32, _region: VoxelBox) -> Result<(), ImportError> {
+        Ok(())
+    }
+
     /// Lends the voxels of a box to `take`, all at once or some slices at a time, ascending, and returns true. Returns false, without calling
     /// `take`, unless that is cheaper than [`Source::read_box`] and a copy.
     ///

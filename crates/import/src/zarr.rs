@@ -55,10 +55,15 @@ pub fn zarr_folder(path: &Path) -> Option<PathBuf> {
     Some(split_choice(path).0).filter(|folder| is_zarr(folder))
 }
 
+/// Documents that a folder may have.
+const DOCUMENTS: [&str; 4] = ["zarr.json", ".zgroup", ".zarray", ".zattrs"];
+
 /// Whether a folder has a document of Zarr.
 pub(crate) fn is_zarr(folder: &Path) -> bool {
-    // At an address all that an opening may look at.
-    Document::look_ahead(folder, &["zarr.json", "0/zarr.json", ".zgroup", ".zarray", ".zattrs"].map(String::from));
+    // At an address all that an opening may look at, at once: the finest level mostly is "0".
+    let of_labels = DOCUMENTS.map(|name| format!("{}/{name}", image_label::FOLDER));
+    let names = DOCUMENTS.map(String::from).into_iter().chain(of_labels).chain(["0/zarr.json".into()]);
+    Document::look_ahead(folder, &names.collect::<Vec<_>>());
     ["zarr.json", ".zgroup", ".zarray"].iter().any(|name| Document::is_there(&folder.join(name)))
 }
 

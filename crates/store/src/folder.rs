@@ -122,6 +122,13 @@ impl Folder {
         paths.iter().map(|path| self.document(path)).collect()
     }
 
+    /// Forgets documents read of late at an address: the store changed.
+    pub(crate) fn look_again(&self) {
+        if let Dir::Remote(place) = &self.dir {
+            place.look_again();
+        }
+    }
+
     /// Whether any of some files is there.
     pub(crate) fn has_any(&self, paths: &[PathBuf]) -> Result<bool, OpenError> {
         let Dir::Remote(_) = &self.dir else { return Ok(paths.iter().any(|path| path.exists())) };

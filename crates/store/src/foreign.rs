@@ -356,12 +356,9 @@ impl Foreign {
 
     /// Reads bricks' chunks, to be kept decoded for reads that follow soon. Failures are left for these to report.
     pub(crate) fn fetch(&self, ids: &[BrickId]) {
-        let mut scratch = Vec::new();
         for id in ids {
             let Some(source) = self.levels.source(id.level) else { continue };
-            let region = self.region(source, *id);
-            scratch.resize(region.extent().volume() as usize * source.info().voxel_type.bytes(), 0);
-            if let Err(error) = source.read_box(id.time, id.channel, region, &mut scratch) {
+            if let Err(error) = source.fetch_box(id.time, id.channel, self.region(source, *id)) {
                 tracing::debug!(%error, "not fetched ahead");
             }
         }

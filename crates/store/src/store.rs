@@ -250,6 +250,7 @@ impl Store {
         if info.times.is_none_or(|times| times <= self.times()) {
             return Ok(None);
         }
+        folder.look_again();
         Self::open_view(folder, mode, self.layout().second()).map(Some)
     }
 
@@ -780,12 +781,13 @@ fn read_root(folder: &Folder) -> Result<Vec<u8>, OpenError> {
         Err(OpenError::Io { error, .. }) if error.kind() == ErrorKind::NotFound => {}
         other => return other,
     }
-    if folder.has_any(&[store.join(JOURNAL_NAME)])? {
-        return Err(OpenError::Incomplete { path: store.into(), percent: journal_percent(store).unwrap_or(0) });
-    }
+    // Before the journal, for which an address would be asked once more.
     if folder.has_any(&[store.join(".zgroup"), store.join(".zarray")])? {
         let feature = "a Zarr v2 hierarchy (OME-Zarr 0.4 or older)".into();
         return Err(OpenError::Unsupported { path: store.into(), feature, advice: OTHERS_STORE });
+    }
+    if folder.has_any(&[store.join(JOURNAL_NAME)])? {
+        return Err(OpenError::Incomplete { path: store.into(), percent: journal_percent(store).unwrap_or(0) });
     }
     Err(OpenError::NotAStore { path: store.into() })
 }

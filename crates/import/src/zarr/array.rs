@@ -195,27 +195,66 @@ impl Array {
             return Ok(());
         }
         let chunk = &self.layout.chunk_shape;
-        let first: Vec<u64> = (0..axes).map(|a| start[a] / chunk[a]).collect();
-        let last: Vec<u64> = (0..axes).map(|a| (start[a] + shape[a] - 1) / chunk[a]).collect();
+        let [first, last] = self.chunks_of(start, shape);
         let is_one_chunk = shape == chunk && (0..axes).all(|a| start[a].is_multiple_of(chunk[a]));
         if is_one_chunk && self.layout.is_plain() && !self.is_remote() {
             self.decode_in_place(&first, out)?;
         } else {
             let target = Target { start, shape, strides: strides(shape, element_bytes) };
-            let (mut next, mut places) = (Some(first.clone()), Vec::new());
-            while let Some(mut place) = next {
-                places.push(place.clone());
-                next = step(&mut place, &first, &last).then_some(place);
-                if next.is_none() || places.len() == self.at_once() {
-                    for (place, decoded) in places.iter().zip(self.load_each(&places)) {
-                        let decoded = decoded?;
-                        self.copy(decoded.as_ref().map(|bytes| &bytes[..]), place, &target, out);
-                    }
-                    places.clear();
-                }
-            }
+            self.each_loaded(
+                &first,
+                &last,
+                |_| true,
+                |place, decoded| {
+                    self.copy(decoded.as_ref().map(|bytes| &bytes[..]), place, &target, out);
+                },
+            )?;
         }
         self.stamp.check(&self.document)
+    }
+
+    /// Loads the chunks of a box at an address that are not kept, for reads that follow.
+    ///
+    /// # Errors
+    /// As for [`Array::read`].
+    pub(crate) fn fetch(&self, start: &[u64], shape: &[u64]) -> Result<()> {
+        if !self.is_remote() || shape.contains(&0) {
+            return Ok(());
+        }
+        let [first, last] = self.chunks_of(start, shape);
+        self.each_loaded(&first, &last, |place| self.kept.get(Kind::Chunk, place).is_none(), |_, _| {})
+    }
+
+    /// The first and the last chunk of a box, by their places in the grid of chunks.
+    fn chunks_of(&self, start: &[u64], shape: &[u64]) -> [Vec<u64>; 2] {
+        let chunk = &self.layout.chunk_shape;
+        let axes = 0..chunk.len();
+        let first = axes.clone().map(|a| start[a] / chunk[a]).collect();
+        [first, axes.map(|a| (start[a] + shape[a] - 1) / chunk[a]).collect()]
+    }
+
+    /// Loads the wanted ones of the chunks from the first to the last, some at once, and shows them in order.
+    fn each_loaded(
+        &self,
+        first: &[u64],
+        last: &[u64],
+        is_wanted: impl Fn(&[u64]) -> bool,
+        mut show: impl FnMut(&[u64], Option<Arc<Vec<u8>>>),
+    ) -> Result<()> {
+        let (mut next, mut places) = (Some(first.to_vec()), Vec::new());
+        while let Some(mut place) = next {
+            if is_wanted(&place) {
+                places.push(place.clone());
+            }
+            next = step(&mut place, first, last).then_some(place);
+            if next.is_none() || places.len() == self.at_once() {
+                for (place, decoded) in places.iter().zip(self.load_each(&places)) {
+                    show(place, decoded?);
+                }
+                places.clear();
+            }
+        }
+        Ok(())
     }
 
     fn is_remote(&self) -> bool {
@@ -263,7 +302,7 @@ impl Array {
             return Ok((!decoded.is_empty()).then_some(decoded));
         }
         if self.is_remote() {
-            let decoded = self.kept.get_or_load(&self.path, Kind::Chunk, place, || self.fetch(place))?;
+            let decoded = self.kept.get_or_load(&self.path, Kind::Chunk, place, || self.fetch_chunk(place))?;
             return Ok((!decoded.is_empty()).then_some(decoded));
         }
         let Some(coded) = self.locate(place)? else { return Ok(None) };
@@ -277,7 +316,7 @@ impl Array {
 
     /// Decodes a chunk at an address; nothing stands for one never written, so that it is asked for once. One that was damaged on the way is fetched
     /// once more.
-    fn fetch(&self, place: &[u64]) -> Result<Vec<u8>> {
+    fn fetch_chunk(&self, place: &[u64]) -> Result<Vec<u8>> {
         let once = || {
             let Some(coded) = self.locate(place)? else { return Ok(Vec::new()) };
             let mut decoded = room(self.chunk_bytes).map_err(ImportError::io(&coded.file.path))?;

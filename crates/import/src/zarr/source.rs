@@ -337,6 +337,11 @@ impl Source for ZarrSource {
         self.step_time.clone()
     }
 
+    fn fetch_box(&self, time: u32, channel: u32, region: VoxelBox) -> Result<(), ImportError> {
+        let (start, shape) = self.layout.in_array(time, channel, region);
+        self.array.fetch(&start, &shape)
+    }
+
     fn read_box(&self, time: u32, channel: u32, region: VoxelBox, out: &mut [u8]) -> Result<(), ImportError> {
         self.info.check_box(time, channel, region, out);
         if self.layout.decode.is_copy() && self.layout.is_in_order() {

@@ -9,11 +9,16 @@ use crate::nodata;
 use crate::pack::cascade::no_data;
 use crate::stats::{ChannelTotals, Counter, Measure, Tally};
 use brickyard_import::{ImageLevel, ImportError, Source};
+use brickyard_objects::is_address;
 use brickyard_volume::{Extent, VoxelBox, with_voxel_type};
 use rayon::prelude::*;
+use std::thread;
 
 /// Most voxels of a channel's sample, but at least a part of one chunk.
 const MOST_VOXELS: u64 = 1 << 24;
+
+/// The same at an address, where each is a byte or more on the way to the first picture.
+const MOST_FETCHED_VOXELS: u64 = 1 << 21;
 
 /// Most voxels over all channels; each has a sample of a chunk's part at least.
 const MOST_IN_ALL: u64 = 1 << 26;
@@ -31,7 +36,9 @@ pub(crate) struct Sample {
 /// If none can be read.
 pub(crate) fn of(levels: &[ImageLevel]) -> Result<Sample, OpenError> {
     let info = levels[0].source.info();
-    let most = MOST_VOXELS.min(MOST_IN_ALL / u64::from(info.channels).max(1));
+    let is_fetched = is_address(&levels[0].folder);
+    let most = if is_fetched { MOST_FETCHED_VOXELS } else { MOST_VOXELS };
+    let most = most.min(MOST_IN_ALL / u64::from(info.channels).max(1));
     let same_type = |level: &ImageLevel| level.source.info().voxel_type == info.voxel_type;
     let voxels = |level: &ImageLevel| level.source.info().extent.volume();
     let few = levels.iter().position(|level| same_type(level) && voxels(level) <= most);
@@ -42,6 +49,9 @@ pub(crate) fn of(levels: &[ImageLevel]) -> Result<Sample, OpenError> {
     let boxes_at = |place| boxes(whole, source.piece().unwrap_or(whole), most, place);
     let first = boxes_at(Place::Middle);
     let taken = |channel| {
+        if is_fetched {
+            fetch(source, channel, &first);
+        }
         with_voxel_type!(info.voxel_type, T => {
             let mut found = channel_of::<T>(source, channel, &first)?;
             // One value alone may be the background of a small object.
@@ -62,6 +72,18 @@ pub(crate) fn of(levels: &[ImageLevel]) -> Result<Sample, OpenError> {
     // Coarser arrays by other programs may go beyond the finest one's values.
     let is_whole = few == Some(0) && levels.len() == 1 && info.times == 1 && is_complete;
     Ok(Sample { channels: channels.into_iter().map(|(statistics, _)| statistics).collect(), is_whole })
+}
+
+/// Fetches boxes of an image at an address, many at once. Failures are left for the reads to report.
+fn fetch(source: &dyn Source, channel: u32, boxes: &[VoxelBox]) {
+    const AT_ONCE: usize = 16;
+    for some in boxes.chunks(AT_ONCE) {
+        thread::scope(|scope| {
+            for region in some {
+                scope.spawn(|| drop(source.fetch_box(0, channel, *region)));
+            }
+        });
+    }
 }
 
 /// The chunk taken of each part of an axis.
