@@ -1,9 +1,15 @@
 //! Stores at addresses, by the command: the same answers as from disk, few requests, and faults that are overcome or told.
 
+use brickyard::probe::probe_voxel;
+use brickyard::session::VolumeSource;
+use brickyard::store::Store;
 use brickyard_server::{Asked, Fault, Link, Server};
 use brickyard_tests::Sandbox;
+use brickyard_tests::sample::takes_all;
 use std::collections::BTreeMap;
-use std::time::Duration;
+use std::process::Command;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
 
 /// A sandbox with a store, `own.zarr`, and a server of its folder.
 fn served() -> (Sandbox, Server) {
@@ -286,6 +292,52 @@ fn faults_that_last_are_told_apart() {
         let (found, _, stderr) = sandbox.run(&format!("info {}", server.url("own.zarr")));
         assert!(found == code && stderr.contains(words), "{status}: {found}: {stderr}");
     }
+}
+
+#[test]
+fn appended_steps_appear_at_an_address_whole() {
+    let (sandbox, server) = served();
+    let value = |time: u8, [z, y, x]: [u32; 3]| ((z * 5) ^ (y * 3) ^ x) as u8 ^ (time * 40);
+    let append = |time: u8| {
+        let voxels: Vec<u8> = chunks([30, 20, 40]).map(|place| value(time, place)).collect();
+        sandbox.write(format!("{time}.raw"), voxels);
+        sandbox.run_ok(&format!("append flow.zarr {time}.raw --shape 40,20,30 --dtype u8 --quiet"));
+    };
+    append(0);
+    let mut store = Store::open(server.url("flow.zarr")).expect("a store");
+    for time in 1..3u8 {
+        append(time);
+        let begun = Instant::now();
+        // The root document is taken as it was for some seconds.
+        store = loop {
+            match store.newer().expect("a store that grows") {
+                Some(newer) => break newer,
+                None => assert!(begun.elapsed() < Duration::from_secs(30), "step {time}"),
+            }
+            std::thread::sleep(Duration::from_millis(200));
+        };
+        let volume = VolumeSource::of_store(&Arc::new(Store::open(server.url("flow.zarr")).expect("a store")));
+        for step in 0..=time {
+            for [z, y, x] in [[0, 0, 0], [29, 19, 39], [17, 3, 25]] {
+                let probe = probe_voxel(&volume, step.into(), [x, y, z]).expect("a voxel");
+                assert_eq!(probe.values, [f64::from(value(step, [z, y, x]))], "{step}: {x}, {y}, {z}");
+            }
+        }
+    }
+    assert_eq!(store.times(), 3);
+}
+
+#[test]
+fn buckets_answer_as_disks() {
+    if !takes_all() {
+        return;
+    }
+    let sandbox = Sandbox::in_memory();
+    let root = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
+    let mut python = Command::new(format!("{root}/target/moto/bin/python"));
+    python.arg(format!("{root}/tests/python/s3_buckets.py")).arg(sandbox.command().get_program());
+    let output = python.arg(sandbox.path(".")).output().expect("made by `tools/setup buckets`");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
 }
 
 #[test]

@@ -2,6 +2,7 @@
 //! whose names fit no format are hidden unless requested.
 
 use crate::keys::SCENE_FILE;
+use brickyard::addresses::{is_address, local_path};
 use brickyard::background::{Background, check_folder, list_choices};
 use brickyard::import::ImportError;
 use brickyard::import::zarr::Choice;
@@ -55,7 +56,7 @@ enum EntryKind {
 impl FileBrowser {
     pub(crate) fn new(folder: &Path) -> Self {
         // The parent of a bare file name is the working folder.
-        let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
+        let folder = if folder.as_os_str().is_empty() || is_address(folder) { Path::new(".") } else { folder };
         let folder = std::path::absolute(folder).unwrap_or_else(|_| folder.to_owned());
         Self {
             entries: entries(&folder).map_err(|error| format!("{}: {error}", folder.display())),
@@ -112,11 +113,18 @@ impl FileBrowser {
         None
     }
 
+    /// The place for a text: an address, or a path from the folder on.
+    fn place_of(&self, typed: &str) -> PathBuf {
+        let typed = local_path(Path::new(typed.trim())).into_owned();
+        if is_address(&typed) { typed } else { self.folder.join(typed) }
+    }
+
     /// Enters a folder, or else returns the path as chosen, unless it is another program's Zarr, of maybe several images.
     fn go(&mut self, path: PathBuf) -> Option<PathBuf> {
         let is_image = |entry: &Entry| entry.kind == EntryKind::Image && entry.path == path;
         let is_chosen = self.entries.iter().flatten().any(is_image);
-        if !is_chosen && path.is_dir() && is_foreign(&path) {
+        // A server may take its time, so the list is made elsewhere.
+        if !is_chosen && (is_address(&path) || path.is_dir() && is_foreign(&path)) {
             self.asked = Some((path.clone(), list_choices(path)));
             return None;
         }
@@ -143,8 +151,10 @@ impl FileBrowser {
             }
             let field = ui.add(egui::TextEdit::singleline(&mut self.typed).desired_width(f32::INFINITY));
             let field = field.accessible_name("folder");
+            let field =
+                field.on_hover_text("a folder, or a store's address: https://, s3://, gs://, az://; Enter goes there");
             if field.lost_focus() && ui.input(|input| input.key_pressed(egui::Key::Enter)) {
-                target = Some(self.folder.join(&self.typed));
+                target = Some(self.place_of(&self.typed));
             }
         });
         let (listed, is_moved) = self.search(ui, &mut target);
@@ -183,6 +193,12 @@ impl FileBrowser {
             }
             ui.add(Label::new(RichText::new(refusal).weak()).truncate());
         });
+        if let Some((path, _)) = &self.asked {
+            ui.horizontal(|ui| {
+                ui.spinner();
+                ui.weak(format!("looking at {}", path.display()));
+            });
+        }
         let asked = self.follow_asked(ui);
         chosen.or(asked).or_else(|| self.go(target?))
     }
@@ -292,6 +308,16 @@ mod tests {
         assert_eq!(browser.folder, std::env::current_dir().unwrap());
         browser.enter(&root.join("gone"));
         assert!(browser.entries.unwrap_err().contains("gone: No such file"));
+    }
+
+    #[test]
+    fn addresses_are_no_paths_of_the_folder() {
+        let folder = tempfile::tempdir().unwrap();
+        let browser = FileBrowser::new(folder.path());
+        let place = |typed: &str| browser.place_of(typed).display().to_string();
+        assert_eq!(place(" https://a.org/b.zarr "), "https://a.org/b.zarr");
+        assert_eq!(place("file:///scans/b.zarr"), "/scans/b.zarr");
+        assert_eq!(browser.place_of("b.zarr"), folder.path().join("b.zarr"));
     }
 
     /// A group of Zarr with arrays of these names.

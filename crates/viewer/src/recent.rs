@@ -1,6 +1,7 @@
 //! Recently opened paths, newest first: a list in a JSON file of the user's. Costs reading or writing a small file.
 
 use crate::keeping::{make_folder_of, write_json};
+use brickyard::addresses::is_address;
 use brickyard::text_file::read_text;
 use std::path::{Path, PathBuf};
 
@@ -24,7 +25,7 @@ impl Recent {
         Self { file, paths }
     }
 
-    /// The paths, newest first. Some may be gone: see [`Path::exists`].
+    /// The paths and addresses, newest first. Some may be gone: see [`Path::exists`].
     pub(crate) fn paths(&self) -> &[PathBuf] {
         &self.paths
     }
@@ -34,7 +35,8 @@ impl Recent {
     /// # Errors
     /// If the list cannot be written. The path is in the list all the same.
     pub(crate) fn add(&mut self, path: &Path) -> Result<(), String> {
-        let path = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
+        let absolute = || std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
+        let path = if is_address(path) { path.to_owned() } else { absolute() };
         self.paths.retain(|other| *other != path);
         self.paths.insert(0, path);
         self.paths.truncate(MOST);
@@ -68,5 +70,7 @@ mod tests {
         let mut recent = Recent::read(None);
         recent.add(Path::new("scan.nii")).unwrap();
         assert_eq!(recent.paths()[0], std::env::current_dir().unwrap().join("scan.nii"));
+        recent.add(Path::new("https://a.org/b.zarr")).unwrap();
+        assert_eq!(recent.paths()[0], Path::new("https://a.org/b.zarr"));
     }
 }

@@ -4,6 +4,7 @@ use crate::command::{Command, PictureForm, Placing};
 use crate::keys::{self, PICTURE_FILE, SCENE_FILE};
 use crate::panels::dialogs::DialogKind;
 use crate::state::{Budgets, Layout, PlaneFilter, State, Theme, Tool};
+use brickyard::addresses::is_address;
 use eframe::egui::{Button, DragValue, MenuBar, Slider, Ui};
 use std::path::PathBuf;
 
@@ -75,7 +76,7 @@ fn files(ui: &mut Ui, subject: Subject<'_>, commands: &mut Vec<Command>) {
         for path in recent {
             // A missing path is greyed out: its disk may come back.
             let button = Button::new(path.display().to_string());
-            if ui.add_enabled(path.exists(), button).clicked() {
+            if ui.add_enabled(is_address(path) || path.exists(), button).clicked() {
                 commands.push(Command::Open(vec![path.clone()], Placing::Instead));
             }
         }

@@ -5,6 +5,7 @@ use crate::messages::Messages;
 use crate::panels::widgets::problem_color;
 use crate::read_out::ReadOut;
 use crate::views::Views;
+use brickyard::addresses::{Traffic, traffic};
 use brickyard::session::VolumeSource;
 use eframe::egui::{Align, Color32, Label, Layout, RichText, TextStyle, TextWrapMode, Ui, vec2};
 
@@ -100,6 +101,7 @@ fn progress(ui: &mut Ui, views: &Views) {
     ui.label(views.main.backend_line());
     ui.separator();
     ui.label(state(&views.main));
+    fetched(ui, traffic());
     let doubtful = views.main.doubtful_extremes();
     if !doubtful.lost.is_empty() {
         ui.separator();
@@ -110,6 +112,23 @@ fn progress(ui: &mut Ui, views: &Views) {
         ui.label("cuts are not exact").on_hover_text(PAST_CUTS);
     }
     ui.separator();
+}
+
+/// Shows what came from addresses, if anything was asked for.
+fn fetched(ui: &mut Ui, traffic: Traffic) {
+    let Traffic { requests, bytes, failures, unconfirmed, request_time } = traffic;
+    if requests == 0 && unconfirmed == 0 {
+        return;
+    }
+    ui.separator();
+    let took = request_time.as_millis();
+    let hint = format!("{requests} requests, {failures} of them failed; the last ones took {took} ms");
+    ui.label(format!("{:.1} MB fetched", bytes as f64 / 1e6)).on_hover_text(hint);
+    if unconfirmed > 0 {
+        ui.separator();
+        let hint = "a server could not be reached: what it gave before is shown, from this machine's disk";
+        ui.colored_label(problem_color(ui.visuals()), "offline").on_hover_text(hint);
+    }
 }
 
 /// The progress of a picture, in words.
