@@ -6,6 +6,7 @@ use super::interrupt::Interrupt;
 use super::progress::{Progress, ProgressStyleArgument};
 use super::say::say;
 use super::{heading, print_json, print_line, store_errors, values};
+use brickyard::addresses::is_address;
 use brickyard::import::{self, OpenOptions};
 use brickyard::store::{self, AppendOptions, Kind, VerifyError, VerifyReport};
 use brickyard::volume::{BrickId, counted};
@@ -149,7 +150,11 @@ pub(crate) fn tell(
         }
     }
     if !report.problems.is_empty() {
-        let cure = if repaired.is_none() { "; `verify --repair INPUT` makes damaged files again" } else { "" };
+        let cure = match repaired {
+            None if is_address(store) => "; repair the store where it lies, or put it there again",
+            None => "; `verify --repair INPUT` makes damaged files again",
+            Some(_) => "",
+        };
         let problem = format!("{}: {}{cure}", store.display(), summary(report));
         return Err(Failure::new(ExitKind::VerificationFailed, problem));
     }
