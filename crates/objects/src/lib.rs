@@ -5,6 +5,7 @@
 
 mod address;
 mod cache_folder;
+#[cfg(feature = "remote")]
 mod disk_cache;
 mod fault;
 mod link;
@@ -17,6 +18,7 @@ mod traffic;
 
 pub use address::{Address, is_address, local_path};
 pub use cache_folder::cache_folder;
+#[cfg(feature = "remote")]
 pub use disk_cache::{Kept, clear, kept};
 pub use fault::Fault;
 pub use link::{Admission, Link};

@@ -92,8 +92,7 @@ impl Link {
     }
 
     /// Takes an answer into account: its bytes, and the time to the first of them.
-    #[cfg(feature = "remote")]
-    pub(crate) fn note(&self, bytes: u64, latency: Duration) {
+    pub fn note(&self, bytes: u64, latency: Duration) {
         let mut state = self.lock();
         let least = state.latency.map_or(latency, |least| latency.min(least.mul_f64(1.02)));
         state.latency = Some(least);
@@ -146,7 +145,7 @@ impl Drop for Admission<'_> {
     }
 }
 
-#[cfg(all(test, feature = "remote"))]
+#[cfg(test)]
 mod tests {
     use super::*;
 
