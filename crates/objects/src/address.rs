@@ -35,6 +35,9 @@ impl Address {
         if authority.is_empty() {
             return Err(format!("expected a host or bucket behind {scheme}://"));
         }
+        if authority.contains('@') {
+            return Err("names and passwords in addresses are not read; use a server or bucket without".into());
+        }
         if let Some(mark) = path.chars().find(|c| "?#".contains(*c)) {
             return Err(format!("an address with '{mark}' names one object, not the folder of a store; leave it out"));
         }
@@ -107,6 +110,7 @@ mod tests {
         for (text, words) in [
             ("ftp://a/b", "ftp:// are not read"),
             ("s3:///a", "a host or bucket"),
+            ("https://user:word@a/b", "names and passwords"),
             ("https://a/b?c=d", "'?'"),
             ("https://a/b/../c", "'..'"),
         ] {

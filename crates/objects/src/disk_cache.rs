@@ -25,6 +25,9 @@ const TEMPORARY: &str = ".new-";
 /// Bytes of the checksum at a file's end.
 const CHECK_BYTES: usize = 8;
 
+/// Most bytes of a file: no object is kept that is larger.
+const MOST_FILE_BYTES: u64 = 1 << 30;
+
 /// A process looks at all files when it begins to write another such part of the limit, and writes on meanwhile. Up to eight processes keep the limit
 /// together: two parts for each are left free.
 const SHARE: u64 = 64;
@@ -66,9 +69,29 @@ impl DiskCache {
         Self { folder, host, most_bytes, room: Mutex::default(), has_failed: AtomicBool::new(false) }
     }
 
+    /// Looks at all files, if none of this process did: the limit may be lower than the last one.
+    pub(crate) fn look_once(&self) {
+        let mut room = self.room.lock().unwrap_or_else(PoisonError::into_inner);
+        if room.look.is_none() {
+            self.look(&mut room);
+        }
+    }
+
+    /// Begins to make room, after the last time has ended.
+    fn look(&self, room: &mut Room) {
+        if let Some(look) = room.look.take() {
+            drop(look.join());
+        }
+        let (folder, most_bytes) = (self.folder.clone(), self.most_bytes / SHARE * (SHARE - 16));
+        room.look = Some(thread::spawn(move || trim(&folder, most_bytes)));
+    }
+
     /// A part kept before, with the object's state then; `None` if there is none, or a damaged one.
     pub(crate) fn read(&self, part: &Part<'_>) -> Option<Object> {
         let path = self.path(part);
+        // A pipe or device would never end.
+        let is_plausible = |file: &fs::Metadata| file.is_file() && file.len() <= MOST_FILE_BYTES;
+        fs::symlink_metadata(&path).ok().filter(is_plausible)?;
         let mut bytes = fs::read(&path).ok()?;
         let (content, check) = bytes.split_last_chunk::<CHECK_BYTES>()?;
         if u64::from_le_bytes(*check) != xxh3_64(content) {
@@ -79,7 +102,7 @@ impl DiskCache {
         let end = rest.iter().position(|byte| *byte == b'\n')?;
         let (size, tag) = std::str::from_utf8(&rest[..end]).ok()?.split_once(' ')?;
         let tag = Some(tag).filter(|tag| !tag.is_empty()).map(str::to_owned);
-        let version = Version { bytes: size.parse().ok()?, tag };
+        let version = Version { bytes: size.parse().ok()?, tag, is_settled: true };
         let start = key.len() + end + 1;
         bytes.truncate(bytes.len() - CHECK_BYTES);
         bytes.drain(..start);
@@ -89,7 +112,8 @@ impl DiskCache {
 
     /// Keeps a part.
     pub(crate) fn write(&self, part: &Part<'_>, version: &Version, bytes: &[u8]) {
-        if version.tag.as_ref().is_none_or(|tag| tag.contains('\n')) || self.has_failed.load(Ordering::Relaxed) {
+        let is_told = version.is_settled && version.tag.as_ref().is_some_and(|tag| !tag.contains('\n'));
+        if !is_told || bytes.len() as u64 > MOST_FILE_BYTES / 2 || self.has_failed.load(Ordering::Relaxed) {
             return;
         }
         let head = format!("{}{} {}\n", self.key(part), version.bytes, version.tag.as_deref().unwrap_or_default());
@@ -134,11 +158,7 @@ impl DiskCache {
         }
         let mut room = self.room.lock().unwrap_or_else(PoisonError::into_inner);
         if room.bytes < bytes {
-            if let Some(look) = room.look.take() {
-                drop(look.join());
-            }
-            let (folder, most_bytes) = (self.folder.clone(), self.most_bytes / SHARE * (SHARE - 16));
-            room.look = Some(thread::spawn(move || trim(&folder, most_bytes)));
+            self.look(&mut room);
             room.bytes = (self.most_bytes / SHARE).max(bytes);
         }
         room.bytes -= bytes;
@@ -186,10 +206,17 @@ fn entries(folder: &Path) -> impl Iterator<Item = PathBuf> {
     fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path())
 }
 
-/// All files of parts, whole or not.
+/// All files of parts, whole or not: by their names, in folders of their own. Links are nobody's to follow.
 fn files(folder: &Path) -> impl Iterator<Item = (PathBuf, fs::Metadata)> {
-    let is_own = |path: &PathBuf| path.file_name().is_some_and(|name| name.len() == 2);
-    let files = entries(folder).filter(is_own).flat_map(|inner| entries(&inner).collect::<Vec<_>>());
+    let name = |path: &Path| path.file_name().and_then(|name| name.to_str()).unwrap_or_default().to_owned();
+    let is_hash = |text: &str, digits: usize| text.len() == digits && text.bytes().all(|byte| byte.is_ascii_hexdigit());
+    let is_folder = |path: &PathBuf| fs::symlink_metadata(path).is_ok_and(|found| found.is_dir());
+    let folders = entries(folder).filter(move |path| is_hash(&name(path), 2) && is_folder(path));
+    let is_own = move |path: &PathBuf| {
+        let name = name(path);
+        name.starts_with(TEMPORARY) || name.split_once('.').is_some_and(|(hash, _)| is_hash(hash, 30))
+    };
+    let files = folders.flat_map(|inner| entries(&inner).collect::<Vec<_>>()).filter(is_own);
     files.filter_map(|path| fs::symlink_metadata(&path).ok().filter(fs::Metadata::is_file).map(|file| (path, file)))
 }
 
@@ -260,7 +287,7 @@ mod tests {
     use super::*;
 
     fn version(tag: &str) -> Version {
-        Version { bytes: 1000, tag: Some(tag.into()) }
+        Version { bytes: 1000, tag: Some(tag.into()), is_settled: true }
     }
 
     fn part(place: u64) -> Part<'static> {
@@ -281,7 +308,8 @@ mod tests {
         assert_eq!((&read.bytes[..], read.version), (&b"brick"[..], version("\"x y\"")));
         assert!(DiskCache::new(folder.path(), "http://b", 1 << 20).read(&part(0)).is_none(), "another host's");
         assert!(!is_kept(&cache, 1));
-        cache.write(&part(1), &Version { bytes: 1000, tag: None }, b"brick");
+        cache.write(&part(1), &Version { tag: None, ..version("") }, b"brick");
+        cache.write(&part(1), &Version { is_settled: false, ..version("x") }, b"brick");
         assert!(!is_kept(&cache, 1), "its state cannot be told");
         let (path, _) = files(&folder.path().join(FOLDER)).next().unwrap();
         let sound = fs::read(&path).unwrap();
@@ -305,8 +333,16 @@ mod tests {
         }
         cache.forget("a/b");
         assert!(!is_kept(&cache, 0) && !is_kept(&cache, 1) && cache.read(&other).is_some());
+        // Nobody else's files are counted or cleared, and no link is followed.
+        let (objects, elsewhere) = (folder.path().join(FOLDER), tempfile::tempdir().unwrap());
+        let others =
+            [elsewhere.path().join(format!("{:030}.whole", 0)), objects.join("mine"), objects.join("zz.whole")];
+        others.iter().for_each(|path| fs::write(path, "stays").unwrap());
+        #[cfg(unix)]
+        std::os::unix::fs::symlink(elsewhere.path(), objects.join("00")).unwrap();
         assert_eq!(kept(folder.path()).files, 1);
         assert_eq!(clear(folder.path()).unwrap().files, 1);
+        assert!(others.iter().all(|path| path.exists()));
         assert_eq!(kept(folder.path()), Kept::default());
     }
 

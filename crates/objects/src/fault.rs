@@ -16,12 +16,10 @@ pub enum Fault {
         status: String,
     },
     /// The server fails by itself.
-    #[error("the server failed {times} times ({status}); try again later")]
+    #[error("the server fails ({status}); try again later")]
     Broken {
         /// Its last status, or its words.
         status: String,
-        /// Requests made.
-        times: u32,
     },
     /// The answer is of other bytes than asked for.
     #[error("the server's answer is wrong: {problem}")]

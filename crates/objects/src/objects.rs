@@ -11,6 +11,8 @@ pub struct Version {
     pub bytes: u64,
     /// The server's tag for these bytes, or else the time of their last change; `None` if it tells neither.
     pub tag: Option<String>,
+    /// Whether every later change has another tag: times of the last seconds, and weak tags beside them, do not tell two changes apart.
+    pub is_settled: bool,
 }
 
 /// Bytes of an object, or of its end.

@@ -30,7 +30,7 @@ use serde::de::IgnoredAny;
 use std::hash::{BuildHasher, RandomState};
 use std::io;
 use std::ops::Range;
-use std::sync::atomic::Ordering;
+use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Mutex, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 use tokio::runtime::Runtime;
@@ -40,6 +40,9 @@ use wanted::Wanted;
 
 /// Requests made for one answer, at most.
 const TRIES: u32 = 6;
+
+/// After so many given up in a row a request is made once.
+const MOST_GIVEN_UP: u32 = 3;
 
 /// Pause before the second try; doubled for each further one.
 const FIRST_PAUSE: Duration = Duration::from_millis(100);
@@ -62,6 +65,8 @@ pub(crate) struct Remote {
     cache: Option<DiskCache>,
     /// When the server could not be reached last.
     unreached: Mutex<Option<Instant>>,
+    /// Requests given up one after the other, though their faults pass elsewhere.
+    given_up: AtomicU32,
     /// An object given by the server.
     given: OnceCell<String>,
     /// Whether the server refuses access to absent objects, as buckets do whose list is private.
@@ -99,6 +104,7 @@ impl Remote {
             link: Link::default(),
             cache: buckets::cache(address),
             unreached: Mutex::default(),
+            given_up: AtomicU32::new(0),
             given: OnceCell::new(),
             hides_absence: OnceCell::new(),
         })
@@ -148,7 +154,7 @@ impl Remote {
                     cache.forget(name);
                 }
                 if fault == Fault::Absent && !is_absent {
-                    cache.write(&absence, &Version { bytes: 0, tag: Some(ABSENT.into()) }, &[]);
+                    cache.write(&absence, &Version { bytes: 0, tag: Some(ABSENT.into()), is_settled: true }, &[]);
                 }
                 Err(fault)
             }
@@ -181,6 +187,7 @@ impl Remote {
             let fault = match self.read_once(name, wanted).await {
                 Ok(read) => {
                     *self.unreached.lock().unwrap_or_else(PoisonError::into_inner) = None;
+                    self.given_up.store(0, Ordering::Relaxed);
                     return Ok(read);
                 }
                 Err(Fault::Forbidden { .. }) if self.hides_absence(name).await => Fault::Absent,
@@ -189,14 +196,13 @@ impl Remote {
             FAILURES.fetch_add(u64::from(fault != Fault::Absent), Ordering::Relaxed);
             let is_out_of_reach = matches!(fault, Fault::Unreachable { .. } | Fault::Slow { .. });
             let is_enough = wanted.unless.is_some() || self.is_left_alone();
-            if !fault.is_passing() || tries == TRIES || is_enough && is_out_of_reach {
+            let most = if self.given_up.load(Ordering::Relaxed) < MOST_GIVEN_UP { TRIES } else { 1 };
+            if !fault.is_passing() || tries >= most || is_enough && is_out_of_reach {
+                self.given_up.fetch_add(u32::from(fault.is_passing()), Ordering::Relaxed);
                 if is_out_of_reach {
                     self.leave_alone();
                 }
-                return Err(match fault {
-                    Fault::Broken { status, .. } => Fault::Broken { status, times: tries },
-                    fault => fault,
-                });
+                return Err(fault);
             }
             tracing::debug!(name, %fault, tries, "asked again");
             sleep(pause(tries)).await;
@@ -338,7 +344,7 @@ impl Objects for Remote {
 
     fn ranges(&self, name: &str, ranges: &[Range<u64>], version: Option<&Version>) -> io::Result<Vec<Vec<u8>>> {
         let part = |range: &Range<u64>| Part { name, place: format!("{}-{}", range.start, range.end) };
-        let kept = self.cache.as_ref().zip(version.filter(|version| version.tag.is_some()));
+        let kept = self.cache.as_ref().zip(version.filter(|version| version.tag.is_some() && version.is_settled));
         let find = |range: &Range<u64>| {
             let (cache, version) = kept?;
             let bytes = cache.read(&part(range)).filter(|kept| kept.version == *version)?.bytes;

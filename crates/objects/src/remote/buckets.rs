@@ -20,7 +20,9 @@ pub(super) fn cache(address: &Address) -> Option<DiskCache> {
     let folder = settings.cache_folder.filter(|_| settings.cache_bytes > 0)?;
     // A bucket's name is another's at another service.
     let host = address.root() + &settings.endpoint.map(|endpoint| format!(" {endpoint}")).unwrap_or_default();
-    Some(DiskCache::new(&folder, &host, settings.cache_bytes))
+    let cache = DiskCache::new(&folder, &host, settings.cache_bytes);
+    cache.look_once();
+    Some(cache)
 }
 
 /// Connects to a host or bucket, without a request.

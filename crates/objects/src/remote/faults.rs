@@ -35,7 +35,7 @@ pub(super) fn fault_of(error: &object_store::Error) -> Fault {
     let status = status.map(|status| status.trim().to_owned());
     match &status {
         Some(code) if code.starts_with('5') || code.starts_with("429") || code.starts_with("408") => {
-            Fault::Broken { status: code.clone(), times: 1 }
+            Fault::Broken { status: code.clone() }
         }
         Some(code) if code.starts_with("416") => Fault::Changed,
         Some(code) => Fault::Unsupported(format!("the server answers {code}")),

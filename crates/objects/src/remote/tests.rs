@@ -73,7 +73,7 @@ fn passing_faults_are_overcome_and_lasting_ones_told_apart() {
         }
     }
     let lasting = [
-        (Wrong::Status(500), "failed 6 times (500"),
+        (Wrong::Status(500), "the server fails (500"),
         (Wrong::Status(403), "refused (403)"),
         (Wrong::Status(401), "refused (401)"),
         (Wrong::Status(410), "the server answers 410"),

@@ -2,7 +2,7 @@
 
 use crate::fault::Fault;
 use crate::objects::Version;
-use chrono::DateTime;
+use chrono::{DateTime, TimeDelta, Utc};
 use object_store::{GetOptions, GetRange, GetResult, ObjectMeta};
 
 /// Beginning of a tag that is a time, in seconds of Unix.
@@ -20,11 +20,16 @@ pub(super) struct Wanted<'a> {
     pub(super) most_bytes: u64,
 }
 
+/// A state is settled so long after the last change: servers tell whole seconds, by clocks of their own.
+const SETTLED_AFTER: TimeDelta = TimeDelta::seconds(5);
+
 /// An object's state, by its tag or else the time of its last change.
 pub(super) fn version_of(meta: &ObjectMeta) -> Version {
-    let modified = Some(meta.last_modified.timestamp()).filter(|seconds| *seconds > 0);
-    let tag = meta.e_tag.clone().or_else(|| modified.map(|seconds| format!("{MODIFIED}{seconds}")));
-    Version { bytes: meta.size, tag }
+    let modified = Some(meta.last_modified).filter(|time| time.timestamp() > 0);
+    let is_old = modified.is_some_and(|time| Utc::now() - time >= SETTLED_AFTER);
+    let is_settled = is_old || meta.e_tag.as_ref().is_some_and(|tag| !tag.starts_with("W/"));
+    let tag = meta.e_tag.clone().or_else(|| modified.map(|time| format!("{MODIFIED}{}", time.timestamp())));
+    Version { bytes: meta.size, tag, is_settled }
 }
 
 impl Wanted<'_> {
