@@ -15,9 +15,10 @@ use crate::stamp::Stamp;
 use crate::strided_copy::{CopyAxis, copy, swap_bytes};
 use brickyard_objects::is_address;
 use serde_json::{Map, Value};
+use std::collections::HashSet;
 use std::panic::resume_unwind;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 
 /// An array of numbers.
@@ -31,6 +32,8 @@ pub(crate) struct Array {
     stamp: Stamp,
     files: ChunkFiles,
     kept: KeptChunks,
+    /// Places of chunks that are fetched ahead now.
+    under_way: Mutex<HashSet<Vec<u64>>>,
     /// Bytes of a decoded chunk, and of a shard's index.
     chunk_bytes: usize,
     index_bytes: u64,
@@ -91,6 +94,7 @@ impl Array {
             stamp: document.stamp,
             files: ChunkFiles::from_now_on(),
             kept: KeptChunks::default(),
+            under_way: Mutex::default(),
             chunk_bytes,
             index_bytes,
             strides,
@@ -222,7 +226,17 @@ impl Array {
             return Ok(());
         }
         let [first, last] = self.chunks_of(start, shape);
-        self.each_loaded(&first, &last, |place| self.kept.get(Kind::Chunk, place).is_none(), |_, _| {})
+        let under_way = || self.under_way.lock().unwrap_or_else(PoisonError::into_inner);
+        // Boxes of several threads have chunks in common: none waits for another's.
+        let mut own = Vec::new();
+        let is_wanted =
+            |place: &[u64]| self.kept.get(Kind::Chunk, place).is_none() && under_way().insert(place.to_vec());
+        let is_wanted = |place: &[u64]| is_wanted(place).then(|| own.push(place.to_vec())).is_some();
+        let loaded = self.each_loaded(&first, &last, is_wanted, |_, _| {});
+        for place in &own {
+            under_way().remove(place);
+        }
+        loaded
     }
 
     /// The first and the last chunk of a box, by their places in the grid of chunks.
@@ -238,7 +252,7 @@ impl Array {
         &self,
         first: &[u64],
         last: &[u64],
-        is_wanted: impl Fn(&[u64]) -> bool,
+        mut is_wanted: impl FnMut(&[u64]) -> bool,
         mut show: impl FnMut(&[u64], Option<Arc<Vec<u8>>>),
     ) -> Result<()> {
         let (mut next, mut places) = (Some(first.to_vec()), Vec::new());
