@@ -40,7 +40,7 @@ const ABANDONED_AFTER: Duration = Duration::from_secs(3600);
 
 /// The parts kept of one host or bucket, among those of all.
 pub(crate) struct DiskCache {
-    /// Of all hosts.
+    /// Folder of all hosts' parts.
     folder: PathBuf,
     host: String,
     most_bytes: u64,
@@ -170,7 +170,7 @@ fn write(path: &Path, head: &[u8], bytes: &[u8]) -> io::Result<()> {
     let folder = path.parent().ok_or(io::ErrorKind::InvalidInput)?;
     let mut builder = DirBuilder::new();
     builder.recursive(true);
-    // What a user may read elsewhere others here need not.
+    // Objects of private buckets are nobody else's on this machine.
     #[cfg(unix)]
     std::os::unix::fs::DirBuilderExt::mode(&mut builder, 0o700);
     builder.create(folder)?;

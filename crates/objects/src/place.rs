@@ -55,7 +55,12 @@ impl Place {
         self.look_up(&names, most_bytes);
     }
 
-    /// Forgets what was looked at in this folder: it changed.
+    /// Forgets all parts on disk of the object here: its bytes are damaged.
+    pub fn forget(&self) {
+        self.objects.forget(&self.name);
+    }
+
+    /// Forgets the documents read in this folder of late: it changed.
     pub fn look_again(&self) {
         let is_inside = |(root, name): &(Arc<str>, String)| {
             *root == self.root

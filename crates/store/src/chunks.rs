@@ -46,7 +46,7 @@ pub(crate) struct Chunks {
     /// Threads that open the same shard, or read the same page of fingerprints, at once.
     opening: Turns<ShardId>,
     paging: Turns<PageId>,
-    /// Of a store at an address.
+    /// Chunks fetched ahead; none of a store on disk.
     arrived: Option<Arrived>,
 }
 

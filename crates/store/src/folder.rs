@@ -81,7 +81,7 @@ impl Folder {
     /// Forgets what is kept on this machine's disk of a file at an address: it is damaged. Returns whether the file may be read again.
     pub(crate) fn forget(&self, path: &Path) -> bool {
         let Ok(Some(place)) = self.place(path) else { return false };
-        place.objects.forget(&place.name);
+        place.forget();
         true
     }
 

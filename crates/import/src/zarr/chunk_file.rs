@@ -65,7 +65,7 @@ const MOST_SHARDS: NonZeroUsize = NonZeroUsize::new(256).unwrap();
 /// Forgets what is kept on this machine's disk of a file at an address: it is damaged.
 pub(super) fn forget(path: &Path) {
     if let Ok(Some(place)) = at(path) {
-        place.objects.forget(&place.name);
+        place.forget();
     }
 }
 

@@ -112,7 +112,7 @@ fn changed_objects_and_unreachable_servers_are_told() {
 fn kept_place(server: &Server, folder: &Path, path: &str) -> Place {
     let cache_folder = Some(folder.to_owned());
     configure(Settings { cache_folder, ..Settings::default() });
-    // Of a process of its own, as it were.
+    // Hosts are known anew, as by another process.
     forget_hosts();
     place(server, path)
 }

@@ -17,7 +17,7 @@ use std::thread;
 /// Most voxels of a channel's sample, but at least a part of one chunk.
 const MOST_VOXELS: u64 = 1 << 24;
 
-/// The same at an address, where each is a byte or more on the way to the first picture.
+/// Most voxels of a channel's sample at an address, where each is a byte or more on the way to the first picture.
 const MOST_FETCHED_VOXELS: u64 = 1 << 21;
 
 /// Most voxels over all channels; each has a sample of a chunk's part at least.
