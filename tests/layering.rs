@@ -239,3 +239,18 @@ fn no_files_name_each_other_in_circles() {
     let found = in_circles(BTreeMap::from([pair("a", "b"), pair("b", "a"), pair("c", "d"), pair("d", "e")]));
     assert_eq!(found, ["a", "b"]);
 }
+
+/// Tests that take turns, by a list for `tools/test`: a name that has changed would run each time, and one that is listed twice never.
+#[test]
+fn tests_that_take_turns_are_there() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let list = std::fs::read_to_string(root.join("in-turns")).expect("it is there");
+    let names: Vec<&str> = list.lines().filter(|line| !line.starts_with('#')).collect();
+    assert!(names.len() > 20 && names.iter().collect::<BTreeSet<_>>().len() == names.len());
+    for name in names {
+        let (modules, function) = name.rsplit_once("::").expect("a module");
+        let file = |folder: &str| root.join(folder).join(modules.replace("::", "/")).with_extension("rs");
+        let texts = ["", "conformance"].map(|folder| std::fs::read_to_string(file(folder)).unwrap_or_default());
+        assert!(texts.iter().any(|text| text.contains(&format!("fn {function}()"))), "{name}");
+    }
+}
