@@ -132,6 +132,85 @@ fn few_requests_lead_to_a_picture_and_nothing_is_fetched_twice() {
     }
 }
 
+/// The image of [`write_foreign`] as a group of Zarr 3 with the same chunks, its arrays' documents in the group's alone.
+fn gathered_v3(sandbox: &Sandbox, name: &str) -> serde_json::Value {
+    let attributes: serde_json::Value =
+        serde_json::from_slice(&sandbox.read(format!("{name}/.zattrs"))).expect("it is JSON");
+    let array = |level: u32| {
+        serde_json::json!({
+            "zarr_format": 3, "node_type": "array", "shape": [40u32 >> level, 36 >> level, 44 >> level], "data_type": "uint8",
+            "chunk_grid": {"name": "regular", "configuration": {"chunk_shape": [16, 16, 16]}},
+            "chunk_key_encoding": {"name": "v2", "configuration": {"separator": "/"}},
+            "codecs": [{"name": "bytes"}], "fill_value": 0, "attributes": {}
+        })
+    };
+    let mut image = attributes["multiscales"][0].clone();
+    image.as_object_mut().expect("an object").remove("version");
+    serde_json::json!({
+        "zarr_format": 3, "node_type": "group", "attributes": {"ome": {"version": "0.5", "multiscales": [image]}},
+        "consolidated_metadata": {"kind": "inline", "must_understand": false, "metadata": {"0": array(0), "1": array(1)}}
+    })
+}
+
+#[test]
+fn one_document_tells_of_all_others() {
+    let (sandbox, server) = served();
+    sandbox.run_ok(&format!("info {}", server.url("own.zarr")));
+    let asked = server.take_asked();
+    let found = asked.iter().filter(|asked| asked.status == 200 && asked.path.ends_with(".json"));
+    let mut documents: Vec<&str> = found.map(|asked| &*asked.path).collect();
+    documents.sort_unstable();
+    assert_eq!(documents, ["own.zarr/0/zarr.json", "own.zarr/zarr.json"]);
+    // Another program's, gathered as by zarr-python: its arrays' own are not needed.
+    write_foreign(&sandbox, "foreign.zarr");
+    let reads = [READS[0], READS[2], READS[3], READS[6]];
+    let here = reads.map(|read| answer(&sandbox, read, "foreign.zarr", "here"));
+    let mut gathered = serde_json::Map::new();
+    for name in [".zgroup", ".zattrs", "0/.zarray", "1/.zarray"] {
+        let document = serde_json::from_slice(&sandbox.read(format!("foreign.zarr/{name}"))).expect("it is JSON");
+        gathered.insert(name.into(), document);
+    }
+    let of_v2 = serde_json::json!({"zarr_consolidated_format": 1, "metadata": gathered});
+    let of_v3 = gathered_v3(&sandbox, "foreign.zarr");
+    sandbox.write("foreign.zarr/.zmetadata", of_v2.to_string());
+    for level in 0..2 {
+        std::fs::remove_file(sandbox.path(format!("foreign.zarr/{level}/.zarray"))).expect("it was there");
+    }
+    let address = server.url("foreign.zarr");
+    for (version, write) in [(2, None), (3, Some(&of_v3))] {
+        if let Some(document) = write {
+            sandbox.write("foreign.zarr/zarr.json", document.to_string());
+            // Older than the document, and not looked at beside it.
+            sandbox.write("foreign.zarr/.zmetadata", of_v2.to_string().replace("16", "8"));
+        }
+        for (read, here) in reads.into_iter().zip(&here) {
+            let there = answer(&sandbox, read, &address, &format!("there{version}"));
+            assert!(there.1 == here.1, "{version}: {}", read.0);
+            assert!(version == 3 || there.0 == here.0, "{}: {}", read.0, there.0);
+        }
+    }
+    // A damaged one is as good as none.
+    sandbox.write("foreign.zarr/zarr.json", "{");
+    let (code, _, stderr) = sandbox.run(&format!("info {address}"));
+    assert!(code == 3 && stderr.contains("zarr.json"), "{stderr}");
+}
+
+#[test]
+fn documents_that_contradict_the_root_are_found_by_verify() {
+    for name in ["1/zarr.json", "0/.brickyard/ranges/zarr.json", "2/.brickyard/shards/zarr.json"] {
+        let (sandbox, server) = served();
+        let path = format!("own.zarr/{name}");
+        let text = String::from_utf8(sandbox.read(&path)).expect("it is text");
+        sandbox.write(&path, text.replace("\"crc32c\"", "\"adler32\""));
+        let (code, _, stderr) = sandbox.run("info own.zarr");
+        assert!(code == 3 && stderr.contains(name), "{name}: {stderr}");
+        // The store at an address is read by its root document.
+        sandbox.run_ok(&format!("probe {} 20,21,22", server.url("own.zarr")));
+        let (code, stdout, stderr) = sandbox.run(&format!("verify {}", server.url("own.zarr")));
+        assert!(code == 5 && format!("{stdout}{stderr}").contains(name), "{name}: {code}: {stdout}{stderr}");
+    }
+}
+
 /// Renders a store at an address with a cache folder, `cache`; returns the picture and the messages.
 fn render_kept(sandbox: &Sandbox, address: &str, more: &[&str]) -> (Vec<u8>, String) {
     let line = format!("render {address} -o kept.png --size 160x120 --backend cpu --exact --overwrite");
@@ -181,6 +260,25 @@ fn objects_are_kept_over_sessions_and_confirmed() {
     assert_eq!(cache_info(&sandbox)["objects"], 0);
     render_kept(&sandbox, &server.url("own.zarr"), &["--cache", "0"]);
     assert_eq!(cache_info(&sandbox)["objects"], 0);
+}
+
+#[test]
+fn a_store_opened_before_comes_in_one_round_trip() {
+    let (sandbox, server) = served();
+    let (picture, _) = render_kept(&sandbox, &server.url("own.zarr"), &[]);
+    server.take_asked();
+    server.set_faults(|_, path| (path == "own.zarr/zarr.json").then_some(Fault::Stalled(3000)));
+    assert!(render_kept(&sandbox, &server.url("own.zarr"), &[]).0 == picture);
+    let asked = server.take_asked();
+    let root = asked.iter().find(|asked| asked.path == "own.zarr/zarr.json").expect("it is confirmed");
+    // All that a first picture needs is confirmed beside the root document, not after it.
+    let beside = asked.iter().filter(|asked| asked.path.contains("/c/") && asked.at < root.at + Duration::from_secs(2));
+    assert!(beside.count() > 4, "{asked:?}");
+    // A changed store is read as it is now, though the kept one tells of other files.
+    server.set_faults(|_, _| None);
+    sandbox.run_ok("synth spheres own.zarr --shape 30,61,90 --brick 16 --shard 32 --quiet --overwrite");
+    sandbox.run_ok("render own.zarr -o new.png --size 160x120 --backend cpu --exact");
+    assert!(render_kept(&sandbox, &server.url("own.zarr"), &[]).0 == sandbox.read("new.png"));
 }
 
 #[test]

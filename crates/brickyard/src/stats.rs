@@ -22,9 +22,11 @@ pub struct RenderStats {
     pub frame_ms: Percentiles,
     /// From the start of the command's work (opening the store) to the first complete picture, milliseconds.
     pub first_image_ms: f64,
+    /// Part of it that drawing took, once all was here, milliseconds.
+    pub first_draw_ms: f64,
     /// From the start of the command's work to the first settled picture, milliseconds.
     pub settled_ms: f64,
-    /// Requests and bytes of stores at addresses until the first complete picture.
+    /// Requests and bytes of stores at addresses until the bricks of the first complete picture were here.
     pub first_image_fetched: Fetched,
     /// Requests and bytes of stores at addresses in the whole process.
     pub fetched: Fetched,
@@ -71,13 +73,15 @@ pub struct Fetched {
     pub bytes: u64,
     /// Failed requests, made again or given up.
     pub failures: u64,
+    /// Requests ended before their answer was whole, for nobody waited for it any more.
+    pub cancelled: u64,
 }
 
 impl Fetched {
     /// The counts now.
     pub fn now() -> Self {
-        let Traffic { requests, bytes, failures, .. } = traffic();
-        Self { requests, bytes, failures }
+        let Traffic { requests, bytes, failures, cancelled, .. } = traffic();
+        Self { requests, bytes, failures, cancelled }
     }
 }
 

@@ -17,6 +17,7 @@ mod document;
 mod documents;
 mod field;
 mod fill;
+mod gathered;
 mod image;
 mod image_axes;
 mod image_label;
@@ -58,12 +59,16 @@ pub fn zarr_folder(path: &Path) -> Option<PathBuf> {
 /// Documents that a folder may have.
 const DOCUMENTS: [&str; 4] = ["zarr.json", ".zgroup", ".zarray", ".zattrs"];
 
+/// Documents that an opening of a folder may look at first; at an address all at once. The finest level mostly is "0".
+pub fn first_documents() -> Vec<String> {
+    let of_labels = DOCUMENTS.map(|name| format!("{}/{name}", image_label::FOLDER));
+    let further = ["0/zarr.json", ".zmetadata"].map(String::from);
+    DOCUMENTS.map(String::from).into_iter().chain(of_labels).chain(further).collect()
+}
+
 /// Whether a folder has a document of Zarr.
 pub(crate) fn is_zarr(folder: &Path) -> bool {
-    // At an address all that an opening may look at, at once: the finest level mostly is "0".
-    let of_labels = DOCUMENTS.map(|name| format!("{}/{name}", image_label::FOLDER));
-    let names = DOCUMENTS.map(String::from).into_iter().chain(of_labels).chain(["0/zarr.json".into()]);
-    Document::look_ahead(folder, &names.collect::<Vec<_>>());
+    Document::look_ahead(folder, &first_documents());
     ["zarr.json", ".zgroup", ".zarray"].iter().any(|name| Document::is_there(&folder.join(name)))
 }
 

@@ -39,6 +39,9 @@ pub enum Fault {
         /// Seconds waited.
         seconds: u64,
     },
+    /// Nobody waits for the object any more.
+    #[error("no longer wanted")]
+    Cancelled,
     /// The object changed after it was first read.
     #[error("changed while it was read; open it again")]
     Changed,
@@ -77,6 +80,8 @@ impl Fault {
             Self::Lying { .. } => ErrorKind::InvalidData,
             Self::Unreachable { .. } => ErrorKind::NotConnected,
             Self::Slow { .. } => ErrorKind::TimedOut,
+            // Not `Interrupted`, after which callers try again.
+            Self::Cancelled => ErrorKind::Other,
             Self::Changed => ErrorKind::StaleNetworkFileHandle,
             Self::Large { .. } => ErrorKind::FileTooLarge,
             Self::Unsupported(_) => ErrorKind::Unsupported,

@@ -5,6 +5,7 @@
 
 mod address;
 mod cache_folder;
+mod cancellation;
 #[cfg(feature = "remote")]
 mod disk_cache;
 mod fault;
@@ -18,6 +19,7 @@ mod traffic;
 
 pub use address::{Address, is_address, local_path};
 pub use cache_folder::cache_folder;
+pub use cancellation::Cancellation;
 #[cfg(feature = "remote")]
 pub use disk_cache::{Kept, clear, kept};
 pub use fault::Fault;

@@ -17,6 +17,9 @@ const PARTS: f64 = 16.0;
 /// Most bricks of an admission.
 const MOST_BRICKS: f64 = 8.0;
 
+/// Turns that the admitted bytes take on a link that is backed up: to end requests on it is worth the connections that end with them.
+const BACKED_UP_TURNS: f64 = 5.0;
+
 /// Time over which the rate is counted.
 const COUNTED: Duration = Duration::from_millis(100);
 
@@ -81,6 +84,12 @@ impl Link {
         Admission { link: self, bricks: bricks as usize, bytes }
     }
 
+    /// Whether the admitted bytes take so long that a new plan had better end what it does not want of them.
+    pub fn is_backed_up(&self) -> bool {
+        let state = self.lock();
+        state.rate > 0.0 && state.admitted_bytes / state.rate > BACKED_UP_TURNS * state.turn_s()
+    }
+
     /// Bytes fetched for a brick, by the last ones.
     pub fn brick_bytes(&self) -> u64 {
         self.lock().brick_bytes as u64
@@ -120,8 +129,12 @@ fn mixed(old: f64, new: f64) -> f64 {
 impl State {
     /// Bytes admitted at a time: twice those under way on a busy link.
     fn window(&self) -> f64 {
-        let turn = self.latency.unwrap_or_default() + SLACK;
-        (2.0 * self.rate * turn.as_secs_f64()).clamp(LEAST_BYTES, MOST_BYTES)
+        (2.0 * self.rate * self.turn_s()).clamp(LEAST_BYTES, MOST_BYTES)
+    }
+
+    /// Seconds from a request to its answer on an idle link.
+    fn turn_s(&self) -> f64 {
+        (self.latency.unwrap_or_default() + SLACK).as_secs_f64()
     }
 }
 
@@ -179,6 +192,19 @@ mod tests {
             slow <= LEAST_BYTES && (1e6..2e6).contains(&fast) && (4e6..6e6).contains(&long),
             "{slow} {fast} {long}"
         );
+    }
+
+    #[test]
+    fn slow_links_are_backed_up_and_fast_ones_are_not() {
+        let is_backed_up = |rate: f64| {
+            let link = Link::default();
+            link.lock().rate = rate;
+            link.lock().latency = Some(Duration::from_millis(100));
+            let _all = fill(&link);
+            link.is_backed_up()
+        };
+        // A quarter of a MiB, which is admitted at least, takes 2.6 s and 0.1 s.
+        assert!(is_backed_up(1e5) && !is_backed_up(2e6) && !is_backed_up(0.0));
     }
 
     #[test]

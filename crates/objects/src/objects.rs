@@ -53,6 +53,9 @@ pub trait Objects: Send + Sync {
     /// As for [`Objects::whole`]; or if the object is absent, changed, or ends before.
     fn ranges(&self, name: &str, ranges: &[Range<u64>], version: Option<&Version>) -> io::Result<Vec<Vec<u8>>>;
 
+    /// The whole object as it was kept on this machine's disk, without a question to the server; `None` if it is not kept.
+    fn kept(&self, name: &str) -> Option<Vec<u8>>;
+
     /// The link to the host.
     fn link(&self) -> &Link;
 

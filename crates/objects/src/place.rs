@@ -33,12 +33,17 @@ impl Place {
     /// # Errors
     /// As for [`Objects::whole`].
     pub fn whole(&self, most_bytes: u64) -> io::Result<Option<Object>> {
-        let key = (self.root.clone(), self.name.clone());
-        let ahead = lock(&DOCUMENTS).as_mut().and_then(|documents| documents.remove(&key));
-        match ahead.filter(|(read, _)| read.elapsed() < KEPT) {
-            Some((_, object)) => Ok(object.map(Arc::unwrap_or_clone)),
+        match self.take_ahead() {
+            Some(object) => Ok(object),
             None => self.objects.whole(&self.name, most_bytes),
         }
+    }
+
+    /// The object looked at ahead, of late and not taken before; within, `None` if it is absent.
+    fn take_ahead(&self) -> Option<Option<Object>> {
+        let key = (self.root.clone(), self.name.clone());
+        let (read, object) = lock(&DOCUMENTS).as_mut()?.remove(&key)?;
+        (read.elapsed() < KEPT).then(|| object.map(Arc::unwrap_or_clone))
     }
 
     /// Reads a document here, or finds the one read within the last five seconds: an opening looks at some again and again. `None` if there is none.
@@ -53,6 +58,27 @@ impl Place {
     pub fn look_ahead(&self, inner: &[String], most_bytes: u64) {
         let names: Vec<String> = inner.iter().map(|inner| self.join(inner).name).collect();
         self.look_up(&names, most_bytes);
+    }
+
+    /// Whether the document here, or its absence, was read or told within the last five seconds.
+    pub fn is_known(&self) -> bool {
+        let key = (self.root.clone(), self.name.clone());
+        lock(&DOCUMENTS).as_ref().and_then(|known| known.get(&key)).is_some_and(|(read, _)| read.elapsed() < KEPT)
+    }
+
+    /// The object here as it was kept on disk: see [`Objects::kept`].
+    pub fn kept(&self) -> Option<Vec<u8>> {
+        self.objects.kept(&self.name)
+    }
+
+    /// Takes a document as read now, absent without bytes: another one has told of it.
+    pub fn know(&self, document: Option<Vec<u8>>) {
+        let known = document.map(|bytes| {
+            let version = Version { bytes: bytes.len() as u64, tag: None, is_settled: false };
+            Arc::new(Object { bytes, version })
+        });
+        let key = (self.root.clone(), self.name.clone());
+        lock(&DOCUMENTS).get_or_insert_with(HashMap::new).insert(key, (Instant::now(), known));
     }
 
     /// Forgets all parts on disk of the object here: its bytes are damaged.
@@ -105,12 +131,15 @@ impl Place {
         names.iter().map(of_name).collect()
     }
 
-    /// Reads the object's end: see [`Objects::tail`].
+    /// Reads the object's end, of at least so many bytes, or takes all of the one [looked at ahead](Place::look_ahead), once: see [`Objects::tail`].
     ///
     /// # Errors
     /// As for [`Objects::tail`].
     pub fn tail(&self, bytes: u64) -> io::Result<Option<Object>> {
-        self.objects.tail(&self.name, bytes)
+        match self.take_ahead() {
+            Some(object) => Ok(object),
+            None => self.objects.tail(&self.name, bytes),
+        }
     }
 
     /// Reads the object's beginning: see [`Objects::head`].

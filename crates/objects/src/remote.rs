@@ -14,14 +14,15 @@ mod limits;
 mod wanted;
 
 use crate::address::Address;
+use crate::cancellation::Cancellation;
 use crate::disk_cache::{DiskCache, Part};
 use crate::fault::Fault;
 use crate::link::Link;
 use crate::objects::{Object, Objects, Version};
-use crate::traffic::{BYTES, FAILURES, REQUESTS, UNCONFIRMED, note_time};
+use crate::traffic::{BYTES, CANCELLED, FAILURES, REQUESTS, UNCONFIRMED, note_time};
 use faults::fault_of;
 use futures_util::StreamExt;
-use futures_util::future::{join_all, try_join_all};
+use futures_util::future::{Either, join_all, select, try_join_all};
 use joined::{Joined, join};
 use limits::{ANSWER_WAIT, CONNECT_WAIT, MOST_AT_ONCE};
 use object_store::path::Path;
@@ -30,6 +31,7 @@ use serde::de::IgnoredAny;
 use std::hash::{BuildHasher, RandomState};
 use std::io;
 use std::ops::Range;
+use std::pin::pin;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Mutex, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
@@ -86,6 +88,29 @@ fn runtime() -> io::Result<&'static Runtime> {
     built.as_ref().map_err(|error| io::Error::other(error.clone()))
 }
 
+/// Waits for requests, unless this thread's are [cancelled](Cancellation) meanwhile.
+fn wait<T>(requests: impl Future<Output = T>) -> io::Result<T> {
+    let Some(cancellation) = Cancellation::current() else { return Ok(runtime()?.block_on(requests)) };
+    let ended = runtime()?.block_on(async {
+        match select(pin!(cancellation.cancelled()), pin!(requests)).await {
+            Either::Left(_) => Err(Fault::Cancelled),
+            Either::Right((answers, _)) => Ok(answers),
+        }
+    });
+    Ok(ended?)
+}
+
+/// A request that counts as cancelled, if it is dropped before it ended.
+struct Begun {
+    has_ended: bool,
+}
+
+impl Drop for Begun {
+    fn drop(&mut self) {
+        CANCELLED.fetch_add(u64::from(!self.has_ended), Ordering::Relaxed);
+    }
+}
+
 impl Remote {
     /// Sets a host or bucket up, without a request.
     ///
@@ -111,7 +136,7 @@ impl Remote {
     }
 
     fn read(&self, name: &str, wanted: &Wanted<'_>) -> io::Result<Object> {
-        Ok(runtime()?.block_on(self.read_kept(name, wanted, |_| true))?)
+        Ok(wait(self.read_kept(name, wanted, |_| true))??)
     }
 
     /// Reads an object's part from disk if the server confirms it or cannot be reached, else from the server; and keeps it if it is sound. Absence is
@@ -127,9 +152,7 @@ impl Remote {
             (Some(_), _) | (_, true) if self.is_left_alone() => {
                 Err(Fault::Unreachable { problem: "not reached before".into() })
             }
-            (Some(kept), _) => {
-                self.read_patiently(name, &Wanted { unless: Some(&kept.version), ..wanted.clone() }).await
-            }
+            (Some(kept), _) => self.read_patiently(name, &Wanted { unless: Some(kept), ..wanted.clone() }).await,
             (None, _) => self.read_anew(name, wanted).await.map(Some),
         };
         match read {
@@ -221,7 +244,7 @@ impl Remote {
                 false => Ok(Vec::new()),
             }
         });
-        let parts = runtime()?.block_on(try_join_all(parts))?;
+        let parts = wait(try_join_all(parts))??;
         let mut read = vec![Vec::new(); ranges.len()];
         for (Joined { bytes: Range { start, .. }, numbers }, part) in joined.iter().zip(parts) {
             for number in numbers {
@@ -261,9 +284,16 @@ impl Remote {
         let path = Path::from_url_path(name).map_err(|error| Fault::Unsupported(error.to_string()))?;
         let _turn = self.turns.acquire().await.map_err(|error| Fault::Unsupported(error.to_string()))?;
         REQUESTS.fetch_add(1, Ordering::Relaxed);
+        let mut request = Begun { has_ended: false };
+        let read = self.request(name, &path, wanted).await;
+        request.has_ended = true;
+        read
+    }
+
+    async fn request(&self, name: &str, path: &Path, wanted: &Wanted<'_>) -> Result<Option<Object>, Fault> {
         let begun = Instant::now();
         let slow = || Fault::Slow { seconds: ANSWER_WAIT.as_secs() };
-        let asked = timeout(CONNECT_WAIT + ANSWER_WAIT, self.store.get_opts(&path, wanted.options()));
+        let asked = timeout(CONNECT_WAIT + ANSWER_WAIT, self.store.get_opts(path, wanted.options()));
         let answer = match asked.await.map_err(|_| slow())? {
             Ok(answer) => Some(answer),
             Err(object_store::Error::NotModified { .. }) => None,
@@ -273,8 +303,13 @@ impl Remote {
             // Another one may be first.
             drop(self.given.set(name.to_owned()));
         }
-        let Some(answer) = answer else { return Ok(None) };
         let latency = begun.elapsed();
+        let Some(answer) = answer else {
+            // To the readers it is as if the bytes had come: without them the link would take few such questions at a time.
+            note_time(latency);
+            self.link.note(wanted.unless.map_or(0, |kept| kept.bytes.len() as u64), latency);
+            return Ok(None);
+        };
         let version = wanted::version_of(&answer.meta);
         if wanted.is_head() {
             return Ok(Some(Object { bytes: Vec::new(), version }));
@@ -311,13 +346,15 @@ impl Objects for Remote {
             true => self.read_document(name, &wanted).await,
             false => self.read_kept(name, &wanted, |_| true).await,
         });
-        match runtime() {
-            Ok(runtime) => {
-                let read = runtime.block_on(join_all(read)).into_iter();
-                read.map(|object| present(object.map_err(io::Error::from))).collect()
-            }
-            Err(error) => names.iter().map(|_| Err(io::Error::other(error.to_string()))).collect(),
+        match wait(join_all(read)) {
+            Ok(read) => read.into_iter().map(|object| present(object.map_err(io::Error::from))).collect(),
+            Err(error) => names.iter().map(|_| Err(io::Error::new(error.kind(), error.to_string()))).collect(),
         }
+    }
+
+    fn kept(&self, name: &str) -> Option<Vec<u8>> {
+        let part = Part { name, place: Wanted::whole(u64::MAX).place()? };
+        Some(self.cache.as_ref()?.read(&part)?.bytes)
     }
 
     fn link(&self) -> &Link {

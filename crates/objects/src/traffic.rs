@@ -12,6 +12,8 @@ pub struct Traffic {
     pub bytes: u64,
     /// Failed requests, made again or given up.
     pub failures: u64,
+    /// Requests ended before their answer was whole, for nobody waited for it any more.
+    pub cancelled: u64,
     /// Objects taken from disk while their server could not be reached.
     pub unconfirmed: u64,
     /// Time of a request, from its turn to its last byte: the newest eight weigh most.
@@ -21,6 +23,7 @@ pub struct Traffic {
 pub(crate) static REQUESTS: AtomicU64 = AtomicU64::new(0);
 pub(crate) static BYTES: AtomicU64 = AtomicU64::new(0);
 pub(crate) static FAILURES: AtomicU64 = AtomicU64::new(0);
+pub(crate) static CANCELLED: AtomicU64 = AtomicU64::new(0);
 pub(crate) static UNCONFIRMED: AtomicU64 = AtomicU64::new(0);
 static REQUEST_MICROS: AtomicU64 = AtomicU64::new(0);
 
@@ -40,6 +43,7 @@ pub fn traffic() -> Traffic {
         requests: now(&REQUESTS),
         bytes: now(&BYTES),
         failures: now(&FAILURES),
+        cancelled: now(&CANCELLED),
         unconfirmed: now(&UNCONFIRMED),
         request_time: Duration::from_micros(now(&REQUEST_MICROS)),
     }

@@ -224,7 +224,7 @@ impl PagedVolume {
         handed_out: impl Iterator<Item = Arc<[u8]>>,
     ) {
         self.workers.give_back(stale);
-        self.workers.replace(requests);
+        self.workers.replace(requests, self.source.is_backed_up());
         self.handed_out.extend(handed_out);
     }
 

@@ -145,8 +145,13 @@ pub trait BrickSource: Send + Sync {
         Duration::ZERO
     }
     /// Fetches the encoded bytes of bricks, for reads that follow soon: waits until there is room, and takes as many then. Failures are left for the reads
-    /// to report. Only called where there are [fetchers](BrickSource::fetchers).
+    /// to report, as those of requests that the pager [cancels](brickyard_store::Cancellation). Only called where there are
+    /// [fetchers](BrickSource::fetchers).
     fn fetch(&self, _take: &mut dyn FnMut(FetchRoom) -> Vec<BrickId>) {}
+    /// Whether so much is being fetched that a new plan had better end what it does not want of it.
+    fn is_backed_up(&self) -> bool {
+        false
+    }
     /// Announces coming reads of these bricks and their stored aprons, so the operating system can read ahead.
     fn advise(&self, _ids: &[BrickId]) {}
     /// Decodes the brick's core, `edge`^3 little-endian voxels, x fastest, into `out`. Voxels past the level's extent are unspecified.

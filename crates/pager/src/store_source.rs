@@ -91,6 +91,10 @@ impl BrickSource for Store {
         self.fetch(take);
     }
 
+    fn is_backed_up(&self) -> bool {
+        self.is_backed_up()
+    }
+
     fn advise(&self, ids: &[BrickId]) {
         self.advise(ids);
     }

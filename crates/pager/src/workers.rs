@@ -16,7 +16,7 @@ use crate::retry::Failure;
 use crate::sameness::{Content, SlotsByContent};
 use crate::source::caught;
 use crate::tier::Tier;
-use brickyard_store::FetchRoom;
+use brickyard_store::{Cancellation, FetchRoom};
 use brickyard_volume::{BrickId, BrickIndex, Pyramid, VoxelBox};
 use crossbeam_channel::{Receiver, Sender, bounded};
 use rustc_hash::{FxHashMap, FxHashSet};
@@ -57,6 +57,8 @@ struct Queue {
     fetched: usize,
     /// Bricks that may be fetched before they are read.
     ahead: usize,
+    /// Bricks being fetched ahead.
+    under_way: Vec<UnderWay>,
     /// Bricks taken, but not yet received by the frame loop.
     busy: FxHashSet<BrickId>,
     /// Padded bricks that may still be started.
@@ -66,6 +68,12 @@ struct Queue {
     /// Buffers for reuse; never more than permits.
     free: Vec<Arc<[u8]>>,
     stop: bool,
+}
+
+/// Bricks of a plan that a thread fetches ahead, with those around them.
+struct UnderWay {
+    ids: Vec<BrickId>,
+    cancellation: Cancellation,
 }
 
 struct Job {
@@ -120,6 +128,17 @@ impl Queue {
         batch
     }
 
+    /// Cancels the fetching of bricks of which the plan wants none.
+    fn cancel_unwanted(&mut self) {
+        if self.under_way.is_empty() {
+            return;
+        }
+        let wanted: FxHashSet<BrickId> =
+            self.requests.iter().map(|(_, id)| *id).chain(self.busy.iter().copied()).collect();
+        let is_unwanted = |under_way: &&UnderWay| !under_way.ids.iter().any(|id| wanted.contains(id));
+        self.under_way.iter().filter(is_unwanted).for_each(|under_way| under_way.cancellation.cancel());
+    }
+
     /// Whether no brick of the plan may be fetched now.
     fn is_fetched(&self) -> bool {
         let first = self.fetched.max(self.next);
@@ -168,12 +187,15 @@ impl Workers {
         Ok(workers)
     }
 
-    /// Replaces the plan: the bricks to read, the most urgent first.
-    pub(crate) fn replace(&self, requests: Vec<(Tier, BrickId)>) {
+    /// Replaces the plan: the bricks to read, the most urgent first. Ends the fetching of others, if the source is backed up.
+    pub(crate) fn replace(&self, requests: Vec<(Tier, BrickId)>, is_backed_up: bool) {
         let mut queue = self.shared.lock();
         queue.requests = requests;
         queue.put_off.clear();
         (queue.next, queue.advised, queue.fetched) = (0, 0, 0);
+        if is_backed_up {
+            queue.cancel_unwanted();
+        }
         self.shared.wake.notify_all();
         self.shared.wake_ahead.notify_all();
     }
@@ -242,13 +264,19 @@ impl Shared {
         let needed =
             |id: BrickId| if source.stored_apron() > 0 { vec![id] } else { with_neighbours(source.pyramid(), id) };
         while self.awaits_fetch() {
-            source.fetch(&mut |room| {
-                let taken = self.lock().take_to_fetch(room);
+            let cancellation = Cancellation::default();
+            let mut take = |room| {
+                let mut queue = self.lock();
+                let taken = queue.take_to_fetch(room);
+                queue.under_way.push(UnderWay { ids: taken.clone(), cancellation: cancellation.clone() });
+                drop(queue);
                 let mut ids: Vec<BrickId> = taken.into_iter().flat_map(needed).filter(|id| !cache.holds(*id)).collect();
                 ids.sort_unstable();
                 ids.dedup();
                 ids
-            });
+            };
+            cancellation.during(|| source.fetch(&mut take));
+            self.lock().under_way.retain(|under_way| under_way.cancellation != cancellation);
         }
     }
 
@@ -338,5 +366,27 @@ impl Shared {
     fn lock(&self) -> MutexGuard<'_, Queue> {
         // Only allocation can panic under the lock, and the state is consistent at every step.
         self.queue.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use brickyard_volume::Level;
+
+    #[test]
+    fn a_new_plan_ends_the_fetching_of_bricks_that_it_does_not_want() {
+        let id = |x| BrickId { time: 0, channel: 0, level: Level(0), index: BrickIndex::new(x, 0, 0) };
+        let under_way = |bricks: &[u32]| UnderWay {
+            ids: bricks.iter().map(|x| id(*x)).collect(),
+            cancellation: Cancellation::default(),
+        };
+        let mut queue = Queue { under_way: [&[0, 1][..], &[2, 3], &[4]].map(under_way).into(), ..Queue::default() };
+        queue.requests = vec![(Tier::Visible, id(1)), (Tier::Visible, id(9))];
+        // One that a worker waits for.
+        queue.busy.insert(id(4));
+        queue.cancel_unwanted();
+        let cancelled: Vec<bool> = queue.under_way.iter().map(|one| one.cancellation.is_cancelled()).collect();
+        assert_eq!(cancelled, [false, true, false]);
     }
 }

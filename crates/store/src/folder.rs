@@ -11,7 +11,7 @@ use std::os::fd::{AsRawFd, OwnedFd};
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
-const MOST_DOCUMENT_BYTES: u64 = 64 << 20;
+pub(crate) const MOST_DOCUMENT_BYTES: u64 = 64 << 20;
 
 /// Flags for opening a folder: as a bare location if supported, which needs no permission to list it.
 #[cfg(target_os = "linux")]
@@ -112,14 +112,13 @@ impl Folder {
         read.map_err(|error| self.unreadable_document(path, error))
     }
 
-    /// Reads several documents, at an address all at once, together with files to be [read](Folder::read) soon.
-    pub(crate) fn documents(&self, paths: &[PathBuf], soon: &[PathBuf]) -> Result<Vec<Vec<u8>>, OpenError> {
+    /// Reads files at an address all at once, ahead of the first reading of each.
+    pub(crate) fn look_ahead(&self, paths: &[PathBuf]) {
         if let Dir::Remote(place) = &self.dir {
-            let inside = paths.iter().chain(soon).filter_map(|path| self.inside(path).ok());
+            let inside = paths.iter().filter_map(|path| self.inside(path).ok());
             let names: Vec<String> = inside.map(|path| path.to_string_lossy().into_owned()).collect();
             place.look_ahead(&names, MOST_DOCUMENT_BYTES);
         }
-        paths.iter().map(|path| self.document(path)).collect()
     }
 
     /// Forgets documents read of late at an address: the store changed.

@@ -15,6 +15,7 @@ mod data_file;
 pub mod downsample;
 mod edit;
 pub mod error;
+mod first_objects;
 mod folder;
 mod foreign;
 mod held;
@@ -53,6 +54,7 @@ mod version;
 
 pub use append::{AppendError, AppendOptions, AppendReport, Appender};
 pub use arrived::FetchRoom;
+pub use brickyard_objects::Cancellation;
 pub use codec::{BrickCodec, Codec};
 pub use downsample::{Downsample, Reductions};
 pub use edit::{ChannelEdit, Edit, EditChange, EditError, EditReport, edit, edit_within, rehearse_edit};

@@ -20,7 +20,7 @@ enum Body {
 }
 
 impl RangedFile {
-    /// Opens a file, and reads its last bytes: so many, or all if there are fewer.
+    /// Opens a file, and reads its last bytes: so many, or all if there are fewer, or if a file at an address was looked at ahead.
     pub(crate) fn open(folder: &Folder, path: &Path, end_bytes: u64) -> io::Result<(Self, Box<[u8]>)> {
         if let Some(place) = folder.place(path)? {
             let object = place.tail(end_bytes)?.ok_or(Fault::Absent)?;

@@ -40,7 +40,7 @@ enum Body {
 
 impl ShardFile {
     /// Opens an existing shard. `bricks` is the number of its index entries, `cap` the greatest length of an encoded
-    /// brick. Of a small one at an address all bytes are read at once, and returned; of others none.
+    /// brick. Of a small one at an address, or one looked at ahead, all bytes are read at once, and returned; of others none.
     pub(crate) fn open(
         folder: &Folder,
         path: &Path,
@@ -72,7 +72,7 @@ impl ShardFile {
             let (file, end) = RangedFile::open(folder, path, end_bytes).map_err(io)?;
             let file_bytes = check_bytes(file.bytes())?;
             let index = end[end.len().saturating_sub(index_bytes as usize)..].into();
-            if is_small {
+            if folder.is_remote() && end.len() as u64 == file_bytes {
                 whole = end.into();
             }
             (Body::File(file), index, file_bytes)

@@ -95,6 +95,11 @@ impl SideArray {
         ((time - first) as usize, self.file_times as usize, filled as usize)
     }
 
+    /// Steps whose pages share a file.
+    pub(crate) fn steps_per_file(&self) -> u32 {
+        self.file_times
+    }
+
     /// The file for a page stored alone: path, and encoded `bytes`.
     pub(crate) fn page_file(&self, page: PageId, bytes: &[u8]) -> PageFile {
         debug_assert!(bytes.len() == self.page_bytes() && self.file_times == 1);
@@ -189,23 +194,6 @@ pub(crate) fn level_arrays(store: &Path, layout: &Layout, level: Level, voxel_ty
         SideArray::hashes(store, layout, level),
         SideArray::fingerprints(store, layout, level),
     ]
-}
-
-/// Files of side data needed for a first picture, to be read all at once: of each level that has one page for a step and channel, the first step's, of a
-/// few channels. A level that needs more is too fine.
-pub(crate) fn first_pages(store: &Path, layout: &Layout, voxel_type: VoxelType) -> Vec<PathBuf> {
-    const MOST_CHANNELS: u32 = 4;
-    let of_level = |level| {
-        let [ranges, _, shards] = level_arrays(store, layout, level, voxel_type);
-        let arrays = [ranges, shards]
-            .into_iter()
-            .filter(|array| array.file_times == 1 && array.paging().page_grid().volume() == 1);
-        arrays.flat_map(move |array| {
-            let channels = 0..array.channels.min(MOST_CHANNELS);
-            channels.map(move |channel| array.page_path(PageId { time: 0, channel, level, z: 0, y: 0, x: 0 }))
-        })
-    };
-    layout.levels().flat_map(of_level).collect()
 }
 
 /// Most files of a level's side data, and of its aprons' if `has_aprons`, with their documents and those of the voxels.

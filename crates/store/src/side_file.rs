@@ -61,7 +61,8 @@ fn read_once(folder: &Folder, path: &Path, slot: usize, slots: usize, page_bytes
         1 => folder.read(path, most).map_err(io)?,
         _ => {
             let (file, end) = RangedFile::open(folder, path, index_bytes(slots) as u64).map_err(io)?;
-            let index = ShardIndex::new(&end, file.bytes(), slots, most);
+            let end = &end[end.len().saturating_sub(index_bytes(slots))..];
+            let index = ShardIndex::new(end, file.bytes(), slots, most);
             let index = index.and_then(|index| index.check().map(|()| index));
             let range = index.and_then(|index| index.range(slot)).map_err(|error| corrupt(error.to_string()))?;
             let range = range.ok_or_else(|| corrupt(format!("it lacks page {slot}")))?;

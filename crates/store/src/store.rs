@@ -8,6 +8,7 @@ use crate::chunks::Chunks;
 use crate::codec::BrickCodec;
 use crate::downsample::Downsample;
 use crate::error::{OpenError, ReadError};
+use crate::first_objects;
 use crate::folder::Folder;
 use crate::foreign::{self, Described, Foreign, Making};
 use crate::inside;
@@ -20,7 +21,7 @@ use crate::metadata::{
 use crate::ngff::{Ngff, Root};
 use crate::pack::image_labels;
 use crate::shard_file::IoMode;
-use crate::side::{RangePage, SidePages, array_documents, first_pages};
+use crate::side::{RangePage, SidePages, array_documents};
 use crate::time::parse_time;
 use brickyard_import::Note;
 use brickyard_objects::{at, is_address, traffic};
@@ -97,6 +98,7 @@ impl Store {
 
     /// Opens the pyramid made by `method`, by default the main one.
     fn open_at(path: PathBuf, mode: IoMode, method: Option<Downsample>) -> Result<Self, OpenError> {
+        first_objects::look_ahead(&path);
         let foreign = || Self::of_foreign(Foreign::open(&path)?, method);
         if foreign::is_place(&path) {
             return foreign();
@@ -183,11 +185,13 @@ impl Store {
         let geometry = parse_geometry(&root_path, &root, &layout, &info)?;
         let placement = parse_placement(&root_path, &info, &geometry)?;
         let time = parse_time(&root_path, &root, &layout, info.time.as_ref())?;
-        let expected: Vec<_> = layout.levels().flat_map(|level| array_documents(path, &layout, level, &info)).collect();
-        let paths: Vec<PathBuf> = expected.iter().map(|(path, _)| path.clone()).collect();
-        let pages = if folder.is_remote() { first_pages(path, &layout, info.voxel_type) } else { Vec::new() };
-        for ((path, expected), text) in expected.iter().zip(folder.documents(&paths, &pages)?) {
-            check_array(path, expected, &parse_json(path, &text)?, info.times.is_some())?;
+        let documents = layout.levels().flat_map(|level| array_documents(path, &layout, level, &info));
+        // The other arrays' follow from the root's: at an address they are left to the verification, for a round trip less.
+        for (path, expected) in documents.filter(|(path, _)| !folder.is_remote() || *path == level_0_path) {
+            check_array(&path, &expected, &read_json(folder, &path)?, info.times.is_some())?;
+        }
+        if folder.is_remote() {
+            folder.look_ahead(&first_objects::paths(path, &layout, &info));
         }
         let aprons = info.apron().map(|apron| {
             let codec = BrickCodec::of_aprons(info.codec, info.voxel_type, apron);
@@ -598,6 +602,11 @@ impl Store {
             }
         };
         admission.fetched(bytes, bricks);
+    }
+
+    /// Whether more bytes are asked for at the store's address than a new plan had better wait for.
+    pub fn is_backed_up(&self) -> bool {
+        matches!(at(self.path()), Ok(Some(place)) if place.objects.link().is_backed_up())
     }
 
     /// Requests read-ahead of these bricks and their stored aprons, opening their shards if needed. Shards that fail to

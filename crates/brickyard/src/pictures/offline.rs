@@ -152,8 +152,10 @@ fn settle(
         let status = &frame.status;
         stats.record(status, session.backend_bytes());
         if stats.first_image_ms == 0.0 && status.covered {
+            stats.first_image_fetched = Fetched::now();
+            let drawing = Instant::now();
             session.draw(&frame)?;
-            (stats.first_image_ms, stats.first_image_fetched) = (ms(started), Fetched::now());
+            (stats.first_image_ms, stats.first_draw_ms) = (ms(started), ms(drawing));
         }
         if status.settled {
             return Ok(frame);

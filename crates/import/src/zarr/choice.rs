@@ -4,6 +4,7 @@
 use super::array::Array;
 use super::collection::{Collection, collect, labels_in, labels_of, paths_in_words};
 use super::field::{Field, Ome};
+use super::gathered;
 use super::image_label::FOLDER;
 use super::multiscales::Multiscale;
 use super::node::{Group, Node, open_node};
@@ -44,6 +45,7 @@ pub(super) struct ImageTarget {
 pub(super) fn choose(root: &Path, name: Option<&str>) -> Result<(Target, Vec<Note>)> {
     let missing =
         || ImportError::invalid(root, "a folder without a readable Zarr document (zarr.json, .zgroup or .zarray)");
+    gathered::know(root);
     let node = open_node(root)?.ok_or_else(missing)?;
     let Some(name) = name else { return only(root, node) };
     let path = inside(name.trim_start_matches('/')).map_err(|expected| {
@@ -83,6 +85,7 @@ pub struct Choice {
 /// # Errors
 /// If a document is damaged.
 pub fn choices(folder: &Path) -> Result<Vec<Choice>, ImportError> {
+    gathered::know(folder);
     let Some(Node::Group(group)) = open_node(folder)? else { return Ok(Vec::new()) };
     let is_image = Multiscale::of(&Ome::of(&group))?.is_some();
     let paths = if is_image { labels_of(&group)? } else { collect(&group)?.paths };

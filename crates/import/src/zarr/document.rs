@@ -12,8 +12,8 @@ use std::path::{Path, PathBuf};
 /// Most bytes of a document: ten times the consolidated metadata of a plate of a thousand images.
 const MOST_BYTES: u64 = 32 << 20;
 
-/// Copies of all documents below a group, which are read where they are.
-const CONSOLIDATED: &str = "consolidated_metadata";
+/// Copies of all documents below a group: see `gathered.rs`.
+pub(super) const CONSOLIDATED: &str = "consolidated_metadata";
 
 /// Most characters of a value in a message.
 const MOST_SHOWN: usize = 60;
@@ -61,6 +61,19 @@ impl Document {
         match at(path) {
             Ok(Some(place)) => place.document(MOST_BYTES).is_ok_and(|document| document.is_some()),
             _ => path.is_file(),
+        }
+    }
+
+    /// The text of a document at an address; `None` of others, and without one.
+    pub(super) fn bytes(path: &Path) -> Option<Vec<u8>> {
+        let document = at(path).ok()??.document(MOST_BYTES).ok()??;
+        Some(document.bytes.clone())
+    }
+
+    /// Takes a document at an address as read, absent without text.
+    pub(super) fn know(path: &Path, text: Option<Vec<u8>>) {
+        if let Ok(Some(place)) = at(path) {
+            place.know(text);
         }
     }
 

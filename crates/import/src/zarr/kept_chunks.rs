@@ -4,14 +4,18 @@
 use crate::error::{ImportError, Result};
 use hdf5_reader::cache::{ChunkCache, ChunkKey};
 use hdf5_reader::error::Error;
+use std::collections::VecDeque;
 use std::path::Path;
-use std::sync::{Arc, PoisonError, RwLock, RwLockWriteGuard};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, RwLock, RwLockWriteGuard};
 
 /// Bytes kept, unless told otherwise.
 const BYTES: u64 = 128 << 20;
 
 /// Slots of the cache, whose limit are bytes.
 const SLOTS: usize = 1 << 16;
+
+/// Chunks and indexes that stay where the bytes kept become more or fewer: those of a sample, which a picture needs next.
+const STAY: usize = 64;
 
 /// A kind of bytes kept of an array.
 #[derive(Clone, Copy)]
@@ -42,11 +46,19 @@ struct Shared {
     arrays: u64,
     needs: Needs,
     wanted_bytes: u64,
+    /// Loaded last, the latest at the end.
+    loaded: Mutex<VecDeque<ChunkKey>>,
 }
 
 impl Default for Shared {
     fn default() -> Self {
-        Self { cache: Arc::new(ChunkCache::new(0, 1)), arrays: 0, needs: Needs::default(), wanted_bytes: BYTES }
+        Self {
+            cache: Arc::new(ChunkCache::new(0, 1)),
+            arrays: 0,
+            needs: Needs::default(),
+            wanted_bytes: BYTES,
+            loaded: Mutex::default(),
+        }
     }
 }
 
@@ -55,6 +67,21 @@ impl Shared {
     fn bytes(&self) -> usize {
         let bytes = self.wanted_bytes.max(self.needs.least).min(self.needs.most);
         usize::try_from(bytes).unwrap_or(usize::MAX)
+    }
+
+    /// The chunks loaded last, as far as they are kept, in a cache of the size wanted now.
+    fn resize(&mut self) {
+        let cache = ChunkCache::new(self.bytes(), SLOTS);
+        for key in self.loaded().iter() {
+            if let Some(kept) = self.cache.get(key) {
+                cache.insert(key.clone(), Vec::clone(&kept));
+            }
+        }
+        self.cache = Arc::new(cache);
+    }
+
+    fn loaded(&self) -> MutexGuard<'_, VecDeque<ChunkKey>> {
+        self.loaded.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn is_of_size(&self) -> bool {
@@ -72,7 +99,8 @@ impl KeptChunks {
         Self { shared: self.shared.clone(), array }
     }
 
-    /// Keeps so many bytes from the next look on: two chunks of each array at least, and all at most. Forgets all chunks if that is another number.
+    /// Keeps so many bytes from the next look on: two chunks of each array at least, and all at most. If that is another number, only the
+    /// chunks loaded last stay.
     pub(super) fn keep_at_most(&self, bytes: u64) {
         self.write().wanted_bytes = bytes;
     }
@@ -100,12 +128,23 @@ impl KeptChunks {
     ) -> Result<Arc<Vec<u8>>> {
         let mut failure = None;
         let kept = self.cache().get_or_insert_with(self.key(kind, place), || {
-            load().map_err(|error| {
+            let loaded = load().map_err(|error| {
                 failure = Some(error);
                 Error::Other(String::new())
-            })
+            })?;
+            self.note_loaded(self.key(kind, place));
+            Ok(loaded)
         });
         kept.map_err(|error| failure.unwrap_or_else(|| ImportError::invalid(path, error.to_string())))
+    }
+
+    fn note_loaded(&self, key: ChunkKey) {
+        let shared = self.shared.read().unwrap_or_else(PoisonError::into_inner);
+        let mut loaded = shared.loaded();
+        loaded.push_back(key);
+        if loaded.len() > STAY {
+            loaded.pop_front();
+        }
     }
 
     fn key(&self, kind: Kind, place: &[u64]) -> ChunkKey {
@@ -120,7 +159,7 @@ impl KeptChunks {
         drop(shared);
         let mut shared = self.write();
         if !shared.is_of_size() {
-            shared.cache = Arc::new(ChunkCache::new(shared.bytes(), SLOTS));
+            shared.resize();
         }
         shared.cache.clone()
     }
@@ -153,6 +192,18 @@ mod tests {
         }
         let kept = arrays.iter().map(|array| (0..10).filter(|at| array.get(Kind::Chunk, &[*at]).is_some()).count());
         assert_eq!(kept.sum::<usize>(), 5);
+    }
+
+    #[test]
+    fn chunks_loaded_last_stay_where_the_bound_changes() {
+        let kept = KeptChunks::default().with_array(Needs { least: 200, most: 100_000 });
+        (0..100).for_each(|place| drop(load(&kept, place, 100)));
+        kept.keep_at_most(50_000);
+        let stay =
+            |kept: &KeptChunks| (0..100).filter(|at| kept.get(Kind::Chunk, &[*at]).is_some()).collect::<Vec<_>>();
+        assert_eq!(stay(&kept), (100 - STAY as u64..100).collect::<Vec<_>>());
+        kept.keep_at_most(300);
+        assert_eq!(stay(&kept), [97, 98, 99]);
     }
 
     #[test]

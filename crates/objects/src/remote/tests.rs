@@ -1,3 +1,4 @@
+use crate::cancellation::Cancellation;
 use crate::fault::Fault;
 use crate::place::{Place, at, forget_hosts};
 use crate::settings::{Settings, configure};
@@ -190,4 +191,25 @@ fn a_link_has_its_latency_and_rate() {
     assert!(file.whole(1 << 20).unwrap().unwrap().bytes == bytes);
     // Two round trips, and a tenth of a second of bytes.
     assert!(begun.elapsed() >= Duration::from_millis(195), "{:?}", begun.elapsed());
+}
+
+#[test]
+fn requests_that_nobody_waits_for_are_ended() {
+    let (_folder, server, bytes) = served();
+    let file = place(&server, "a/b");
+    file.whole(1 << 20).unwrap();
+    server.set_faults(|_, _| Some(Wrong::Stalled(5000)));
+    let (cancellation, before, begun) = (Cancellation::default(), traffic().cancelled, Instant::now());
+    std::thread::scope(|scope| {
+        let reads = scope.spawn(|| cancellation.during(|| file.range(0..10, None)));
+        std::thread::sleep(Duration::from_millis(100));
+        assert!(!reads.is_finished());
+        cancellation.cancel();
+        assert_eq!(fault(reads.join().unwrap()), Fault::Cancelled);
+    });
+    assert!(begun.elapsed() < Duration::from_secs(4) && traffic().cancelled > before);
+    // From then on none is begun under it; others are, on this thread too.
+    server.set_faults(|_, _| None);
+    assert_eq!(fault(cancellation.during(|| file.range(0..10, None))), Fault::Cancelled);
+    assert!(file.range(0..10, None).unwrap() == bytes[..10]);
 }

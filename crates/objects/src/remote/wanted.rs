@@ -1,7 +1,7 @@
 //! A part of an object to be read, and the checks of its answer.
 
 use crate::fault::Fault;
-use crate::objects::Version;
+use crate::objects::{Object, Version};
 use chrono::{DateTime, TimeDelta, Utc};
 use object_store::{GetOptions, GetRange, GetResult, ObjectMeta};
 
@@ -15,8 +15,8 @@ pub(super) struct Wanted<'a> {
     pub(super) range: Option<GetRange>,
     /// State in which the object must be.
     pub(super) version: Option<&'a Version>,
-    /// State in which the object is not wanted.
-    pub(super) unless: Option<&'a Version>,
+    /// The part kept here: in its state the object is not wanted.
+    pub(super) unless: Option<&'a Object>,
     pub(super) most_bytes: u64,
 }
 
@@ -60,7 +60,7 @@ impl Wanted<'_> {
             let seconds = tag.as_ref()?.strip_prefix(MODIFIED)?.parse().ok()?;
             DateTime::from_timestamp(seconds, 0)
         };
-        let (wanted, unless) = (tag(self.version), tag(self.unless));
+        let (wanted, unless) = (tag(self.version), tag(self.unless.map(|kept| &kept.version)));
         let of_server = |tag: &String| !tag.starts_with(MODIFIED);
         GetOptions {
             if_unmodified_since: time(&wanted),

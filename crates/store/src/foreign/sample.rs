@@ -50,7 +50,8 @@ pub(crate) fn of(levels: &[ImageLevel]) -> Result<Sample, OpenError> {
     let first = boxes_at(Place::Middle);
     let taken = |channel| {
         if is_fetched {
-            fetch(source, channel, &first);
+            let first = first.iter().map(|region| (source, *region));
+            fetch(channel, &first.chain(drawn_first(levels, place)).collect::<Vec<_>>());
         }
         with_voxel_type!(info.voxel_type, T => {
             let mut found = channel_of::<T>(source, channel, &first)?;
@@ -74,12 +75,20 @@ pub(crate) fn of(levels: &[ImageLevel]) -> Result<Sample, OpenError> {
     Ok(Sample { channels: channels.into_iter().map(|(statistics, _)| statistics).collect(), is_whole })
 }
 
-/// Fetches boxes of an image at an address, many at once. Failures are left for the reads to report.
-fn fetch(source: &dyn Source, channel: u32, boxes: &[VoxelBox]) {
+/// The coarsest level, if it is small and not the sample's: a picture begins with it.
+fn drawn_first(levels: &[ImageLevel], sampled: usize) -> Option<(&dyn Source, VoxelBox)> {
+    let coarsest = levels.len() - 1;
+    let source = &*levels[coarsest].source;
+    let whole = source.info().extent;
+    (coarsest != sampled && whole.volume() <= MOST_FETCHED_VOXELS / 8).then(|| (source, whole.full_box()))
+}
+
+/// Fetches boxes of levels of an image at an address, many at once. Failures are left for the reads to report.
+fn fetch(channel: u32, boxes: &[(&dyn Source, VoxelBox)]) {
     const AT_ONCE: usize = 16;
     for some in boxes.chunks(AT_ONCE) {
         thread::scope(|scope| {
-            for region in some {
+            for (source, region) in some {
                 scope.spawn(|| drop(source.fetch_box(0, channel, *region)));
             }
         });

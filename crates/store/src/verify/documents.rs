@@ -33,11 +33,12 @@ pub(crate) fn check<'a>(
     for (store, level) in levels {
         let (path, layout, info) = (store.path(), store.layout(), store.info());
         documents.extend(voxel_documents(path, layout, level, info));
-        // In stores without appended steps, opening has compared them.
-        if info.times.is_some() {
+        // In stores on disk without appended steps, opening has compared them.
+        if info.times.is_some() || store.is_remote() {
             documents.extend(side_documents(path, layout, level, info));
         }
     }
+    main.folder().look_ahead(&documents.iter().map(|(path, _)| path.clone()).collect::<Vec<_>>());
     let found = documents.iter().map(|(path, _)| unless_barred(read_json(main.folder(), path)));
     let found = found.collect::<Result<Vec<_>, _>>()?;
     // Read after the arrays, which so have at most one more step, of an interrupted or running commit.

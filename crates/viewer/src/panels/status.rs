@@ -116,13 +116,15 @@ fn progress(ui: &mut Ui, views: &Views) {
 
 /// Shows what came from addresses, if anything was asked for.
 fn fetched(ui: &mut Ui, traffic: Traffic) {
-    let Traffic { requests, bytes, failures, unconfirmed, request_time } = traffic;
+    let Traffic { requests, bytes, failures, cancelled, unconfirmed, request_time } = traffic;
     if requests == 0 && unconfirmed == 0 {
         return;
     }
     ui.separator();
     let took = request_time.as_millis();
-    let hint = format!("{requests} requests, {failures} of them failed; the last ones took {took} ms");
+    let hint = format!(
+        "{requests} requests, {failures} of them failed, {cancelled} were ended unneeded; the last ones took {took} ms"
+    );
     ui.label(format!("{:.1} MB fetched", bytes as f64 / 1e6)).on_hover_text(hint);
     if unconfirmed > 0 {
         ui.separator();

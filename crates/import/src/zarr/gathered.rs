@@ -1,0 +1,72 @@
+//! Documents of all nodes below a group, gathered in one: `.zmetadata` of Zarr 2, and `consolidated_metadata` in the `zarr.json` of Zarr 3. At an address
+//! they are taken for the documents themselves, as zarr-python takes them, which saves a round trip or more; what a node lacks there is absent. On disk
+//! each document is read where it is.
+//!
+//! Costs parsing a document of at most [`MOST_BYTES`]; a larger one is passed over.
+
+use super::document::{CONSOLIDATED, Document};
+use super::paths::inside;
+use brickyard_objects::is_address;
+use serde_json::{Map, Value};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+/// Most bytes of a document: those of a plate of a hundred images.
+const MOST_BYTES: usize = 4 << 20;
+
+/// The documents gathered in a folder at an address become known. A damaged one is passed over: the others are still there.
+pub(super) fn know(folder: &Path) {
+    if !is_address(folder) {
+        return;
+    }
+    let parsed = |name: &str| {
+        let text = Document::bytes(&folder.join(name)).filter(|text| text.len() <= MOST_BYTES)?;
+        serde_json::from_slice::<Value>(&text).ok()
+    };
+    match parsed("zarr.json") {
+        Some(root) => {
+            if let Some(nodes) = root[CONSOLIDATED]["metadata"].as_object() {
+                know_nodes(folder, nodes);
+            }
+        }
+        // Documents of Zarr 3 come before those of Zarr 2.
+        None if Document::is_there(&folder.join("zarr.json")) => {}
+        None => {
+            if let Some(documents) = parsed(".zmetadata").as_ref().and_then(|root| root["metadata"].as_object()) {
+                know_documents(folder, documents);
+            }
+        }
+    }
+}
+
+/// Nodes of Zarr 3 by their paths.
+fn know_nodes(folder: &Path, nodes: &Map<String, Value>) {
+    for (path, node) in nodes {
+        let Ok(path) = inside(path) else { continue };
+        let is_node = node["zarr_format"] == 3 && node["node_type"].is_string();
+        if let Some(text) = serde_json::to_vec(node).ok().filter(|_| is_node && path.file_name().is_some()) {
+            Document::know(&folder.join(path).join("zarr.json"), Some(text));
+        }
+    }
+}
+
+/// Documents of Zarr 2 by their paths. A node without attributes there has none.
+fn know_documents(folder: &Path, documents: &Map<String, Value>) {
+    let mut nodes: BTreeMap<PathBuf, Vec<&str>> = BTreeMap::new();
+    for (path, document) in documents {
+        let Some((node, name @ (".zarray" | ".zgroup" | ".zattrs"))) = path.rsplit_once('/') else { continue };
+        let Ok(node) = inside(node) else { continue };
+        if node.file_name().is_some()
+            && document.is_object()
+            && let Ok(text) = serde_json::to_vec(document)
+        {
+            Document::know(&folder.join(&node).join(name), Some(text));
+            nodes.entry(node).or_default().push(name);
+        }
+    }
+    for (node, told) in nodes.into_iter().filter(|(_, told)| *told != [".zattrs"]) {
+        for name in ["zarr.json", ".zarray", ".zgroup", ".zattrs"].into_iter().filter(|name| !told.contains(name)) {
+            Document::know(&folder.join(&node).join(name), None);
+        }
+    }
+}
