@@ -5,8 +5,9 @@
                    [--server target/release/brickyard-server]
 
 Each store is served from this machine's disk over a link of so many milliseconds a round trip and Mbit/s, and drawn by `render`: twice with the same cache folder,
-empty at first. A row has the medians of the turns: seconds, requests and bytes to the first whole picture at any level and to the settled one, then the same from the cache. The bound is
-two round trips for the connection and its first answer, two more, the bytes' time on the link, and 0.3 s. A table goes to standard output.
+empty at first. A row has the medians of the turns: seconds until the bricks of the first whole picture, at any level, are here and until it is drawn, requests and bytes until
+then; the same of the settled picture, with the share of its bytes that decoders read; and all of it from the cache. The bound is two round trips for the connection and its first
+answer, two more, the bytes' time on the link, and 0.3 s. A table goes to standard output.
 """
 import argparse
 import json
@@ -35,17 +36,27 @@ def drawn(brickyard, address, size, cache, folder):
     environment = {**os.environ, "BRICKYARD_CACHE": cache}
     subprocess.run([str(word) for word in command], check=True, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
     found = json.loads(stats.read_text())
-    pairs = [(found["first_image_ms"], found["first_image_fetched"]), (found["settled_ms"], found["fetched"])]
-    return [(ms / 1e3, fetched["requests"], fetched["bytes"]) for ms, fetched in pairs]
+    first, settled = found["first_image_fetched"], found["fetched"]
+    drawn_ms = found["first_image_ms"]
+    return {
+        "here": (drawn_ms - found["first_draw_ms"]) / 1e3,
+        "first": drawn_ms / 1e3,
+        "first_requests": first["requests"],
+        "first_bytes": first["bytes"],
+        "settled": found["settled_ms"] / 1e3,
+        "requests": settled["requests"],
+        "bytes": settled["bytes"],
+        "read": found["bytes"]["read"],
+    }
 
 
 def turn(options, store, round_trip_ms, mbit):
-    """First and settled, without and with a filled cache."""
+    """One picture without and one with a filled cache."""
     server = subprocess.Popen([options.server, store.parent, str(round_trip_ms), str(mbit)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     with server, tempfile.TemporaryDirectory() as folder:
         address = server.stdout.readline().strip() + store.name
         cache = f"{folder}/cache"
-        found = [pair for _ in range(2) for pair in drawn(options.brickyard, address, options.size, cache, folder)]
+        found = [drawn(options.brickyard, address, options.size, cache, folder) for _ in range(2)]
         server.stdin.close()
         server.stdout.read()
         return found
@@ -53,19 +64,18 @@ def turn(options, store, round_trip_ms, mbit):
 
 def main():
     options = arguments()
-    print("| store | link | first whole picture, s (bound) | requests, MB | settled, s | requests, MB | from the cache: first, settled, s | requests, MB |")
+    print("| store | link | first picture here (bound), drawn, s | requests, MB | settled, s | requests, MB (by read) | from the cache: here, drawn, settled, s | requests, MB |")
     print("| --- | --- | ---: | ---: | ---: | ---: | ---: | ---: |")
     for store in options.stores:
         for link in options.links.split(","):
             round_trip_ms, mbit = (float(number) for number in link.split(":"))
             turns = [turn(options, store.resolve(), round_trip_ms, mbit) for _ in range(options.turns)]
-            medians = [[statistics.median(one[i][k] for one in turns) for k in range(3)] for i in range(4)]
-            first, settled, again, kept = medians
-            bound = 4 * round_trip_ms / 1e3 + first[2] * 8 / (mbit * 1e6) + 0.3
-            pair = lambda row: f"{row[1]:.0f}, {row[2] / 1e6:.2f}"
+            new, kept = [{name: statistics.median(one[i][name] for one in turns) for name in turns[0][i]} for i in range(2)]
+            bound = 4 * round_trip_ms / 1e3 + new["first_bytes"] * 8 / (mbit * 1e6) + 0.3
             print(
-                f"| {store.name} | {round_trip_ms:g} ms, {mbit:g} Mbit/s | {first[0]:.2f} ({bound:.2f}) | {pair(first)} | {settled[0]:.2f} | {pair(settled)} "
-                f"| {again[0]:.2f}, {kept[0]:.2f} | {pair(kept)} |",
+                f"| {store.name} | {round_trip_ms:g} ms, {mbit:g} Mbit/s | {new['here']:.2f} ({bound:.2f}), {new['first']:.2f} | {new['first_requests']:.0f}, {new['first_bytes'] / 1e6:.2f} "
+                f"| {new['settled']:.2f} | {new['requests']:.0f}, {new['bytes'] / 1e6:.2f} ({new['bytes'] / max(new['read'], 1):.2f}) "
+                f"| {kept['here']:.2f}, {kept['first']:.2f}, {kept['settled']:.2f} | {kept['requests']:.0f}, {kept['bytes'] / 1e6:.2f} |",
                 flush=True,
             )
 
