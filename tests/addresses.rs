@@ -170,7 +170,7 @@ fn one_document_tells_of_all_others() {
         let document = serde_json::from_slice(&sandbox.read(format!("foreign.zarr/{name}"))).expect("it is JSON");
         gathered.insert(name.into(), document);
     }
-    let of_v2 = serde_json::json!({"zarr_consolidated_format": 1, "metadata": gathered});
+    let of_v2 = serde_json::json!({"zarr_consolidated_format": 1, "metadata": &gathered});
     let of_v3 = gathered_v3(&sandbox, "foreign.zarr");
     sandbox.write("foreign.zarr/.zmetadata", of_v2.to_string());
     for level in 0..2 {
@@ -189,6 +189,24 @@ fn one_document_tells_of_all_others() {
             assert!(version == 3 || there.0 == here.0, "{}: {}", read.0, there.0);
         }
     }
+    // Images in a group are found by it, though the server keeps no list of folders.
+    let of_all = ["a", "b"]
+        .into_iter()
+        .flat_map(|image| gathered.iter().map(move |(path, document)| (format!("{image}/{path}"), document)));
+    let of_all: serde_json::Map<_, _> = of_all.map(|(path, document)| (path, document.clone())).collect();
+    std::fs::create_dir(sandbox.path("both.zarr")).expect("the sandbox is writable");
+    sandbox.write("both.zarr/.zgroup", r#"{"zarr_format": 2}"#);
+    sandbox.write("both.zarr/.zmetadata", serde_json::json!({"metadata": of_all}).to_string());
+    for image in ["a", "b"] {
+        for (path, bytes) in brickyard_tests::tree(&sandbox.path("foreign.zarr")) {
+            let copy = sandbox.path("both.zarr").join(image).join(path);
+            std::fs::create_dir_all(copy.parent().expect("a folder")).expect("the sandbox is writable");
+            sandbox.write(copy, bytes);
+        }
+    }
+    let (code, _, stderr) = sandbox.run(&format!("info {}", server.url("both.zarr")));
+    assert!(code == 2 && stderr.contains("a (40 x 36 x 44, u8), b (40 x 36 x 44, u8)"), "{code}: {stderr}");
+    assert!(answer(&sandbox, READS[3], &server.url("both.zarr::b"), "b").1 == here[2].1);
     // A damaged one is as good as none.
     sandbox.write("foreign.zarr/zarr.json", "{");
     let (code, _, stderr) = sandbox.run(&format!("info {address}"));

@@ -6,7 +6,7 @@
 
 Each store is served from this machine's disk over a link of so many milliseconds a round trip and Mbit/s, and drawn by `render`: twice with the same cache folder,
 empty at first. A row has the medians of the turns: seconds until the bricks of the first whole picture, at any level, are here and until it is drawn, requests and bytes until
-then; the same of the settled picture, with the share of its bytes that decoders read; and all of it from the cache. The bound is two round trips for the connection and its first
+then; the same of the settled picture, its bytes also by those of bricks that the same picture reads of the store on disk; and all of it from the cache. The bound is two round trips for the connection and its first
 answer, two more, the bytes' time on the link, and 0.3 s. A table goes to standard output.
 """
 import argparse
@@ -50,6 +50,15 @@ def drawn(brickyard, address, size, cache, folder):
     }
 
 
+def needed_bytes(options, store):
+    """Compressed bytes of bricks read for the picture on disk; `None` of another program's image, whose decoded bytes alone are counted."""
+    root = store / "zarr.json"
+    if not root.exists() or "brickyard" not in json.loads(root.read_text())["attributes"]:
+        return None
+    with tempfile.TemporaryDirectory() as folder:
+        return drawn(options.brickyard, store, options.size, f"{folder}/cache", folder)["read"]
+
+
 def turn(options, store, round_trip_ms, mbit):
     """One picture without and one with a filled cache."""
     server = subprocess.Popen([options.server, store.parent, str(round_trip_ms), str(mbit)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
@@ -64,17 +73,19 @@ def turn(options, store, round_trip_ms, mbit):
 
 def main():
     options = arguments()
-    print("| store | link | first picture here (bound), drawn, s | requests, MB | settled, s | requests, MB (by read) | from the cache: here, drawn, settled, s | requests, MB |")
+    print("| store | link | first picture here (bound), drawn, s | requests, MB | settled, s | requests, MB (by needed) | from the cache: here, drawn, settled, s | requests, MB |")
     print("| --- | --- | ---: | ---: | ---: | ---: | ---: | ---: |")
     for store in options.stores:
+        needed = needed_bytes(options, store)
         for link in options.links.split(","):
             round_trip_ms, mbit = (float(number) for number in link.split(":"))
             turns = [turn(options, store.resolve(), round_trip_ms, mbit) for _ in range(options.turns)]
             new, kept = [{name: statistics.median(one[i][name] for one in turns) for name in turns[0][i]} for i in range(2)]
+            by_needed = f" ({new['bytes'] / needed:.2f})" if needed else ""
             bound = 4 * round_trip_ms / 1e3 + new["first_bytes"] * 8 / (mbit * 1e6) + 0.3
             print(
                 f"| {store.name} | {round_trip_ms:g} ms, {mbit:g} Mbit/s | {new['here']:.2f} ({bound:.2f}), {new['first']:.2f} | {new['first_requests']:.0f}, {new['first_bytes'] / 1e6:.2f} "
-                f"| {new['settled']:.2f} | {new['requests']:.0f}, {new['bytes'] / 1e6:.2f} ({new['bytes'] / max(new['read'], 1):.2f}) "
+                f"| {new['settled']:.2f} | {new['requests']:.0f}, {new['bytes'] / 1e6:.2f}{by_needed} "
                 f"| {kept['here']:.2f}, {kept['first']:.2f}, {kept['settled']:.2f} | {kept['requests']:.0f}, {kept['bytes'] / 1e6:.2f} |",
                 flush=True,
             )

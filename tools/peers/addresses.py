@@ -20,6 +20,7 @@ import time
 
 import neuroglancer
 import selenium.webdriver
+from selenium.webdriver.support.wait import WebDriverWait
 
 FLAGS = ["--headless=new", "--no-sandbox", "--disable-web-security", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-background-networking", "--disable-component-update", "--disable-sync", "--no-first-run"]
 
@@ -66,7 +67,7 @@ def by_neuroglancer(options, store, link, picture):
         viewer = neuroglancer.Viewer()
         driver.get(viewer.get_viewer_url())
         # Its own code is here before the layer is told, so that the seconds are those of the data.
-        viewer.screenshot(size=[width, height])
+        WebDriverWait(driver, 60).until(lambda driver: driver.execute_script("return typeof viewer === 'object' && document.readyState === 'complete'"))
         with viewer.txn() as state:
             state.layers["volume"] = neuroglancer.ImageLayer(source=f"zarr://{served.address}", volume_rendering=True, volume_rendering_depth_samples=options.depth_samples)
             state.layout = "3d"

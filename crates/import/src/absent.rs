@@ -140,6 +140,11 @@ pub mod zarr {
     use crate::image::Image;
     use std::path::PathBuf;
 
+    /// Documents that an opening of a folder looks at first: those of a store of brickyard's.
+    pub fn first_documents() -> Vec<String> {
+        ["zarr.json", "0/zarr.json"].map(String::from).into()
+    }
+
     /// `None`: no folder counts as one of Zarr.
     pub fn zarr_folder(_: &Path) -> Option<PathBuf> {
         None

@@ -131,9 +131,9 @@ impl Chunks {
     }
 
     /// Requests read-ahead of these bricks' chunks, opening their shards if needed; failures are left for
-    /// [`Chunks::read`] to report.
+    /// [`Chunks::read`] to report. At an address nothing is mapped, and to open a shard would keep the first brick waiting.
     pub(crate) fn advise(&self, ids: &[BrickId]) {
-        if self.mode != IoMode::Mmap {
+        if self.mode != IoMode::Mmap || self.arrived.is_some() {
             return;
         }
         const PAGE_BYTES: usize = 4096;

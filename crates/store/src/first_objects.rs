@@ -1,5 +1,5 @@
 //! Files of a store at an address that a first picture needs, known from the root document alone, so that all come in one round trip: of each level that has
-//! one page for a step and channel, those of ranges and of shards' fingerprints; and the coarsest level's shards, whole. Of a store opened on this machine
+//! one page for a step and channel, those of ranges and of shards' fingerprints; and the coarsest level's shards, whole, with its aprons'. Of a store opened on this machine
 //! before, the root document kept on disk tells them, and they come in the same round trip as its present state.
 
 use crate::error::OpenError;
@@ -44,10 +44,10 @@ pub(crate) fn look_ahead(path: &Path) {
     }
 }
 
-/// The files of the first time step of a store at `path`.
+/// The files of the first time step of a store at `path`, those of coarse levels first: connections that are there already take the first ones.
 pub(crate) fn paths(path: &Path, layout: &Layout, info: &StoreInfo) -> Vec<PathBuf> {
     let channels = || 0..layout.channels.min(MOST_CHANNELS);
-    let arrays = layout.levels().flat_map(|level| {
+    let arrays = layout.levels().rev().flat_map(|level| {
         let aprons = info.apron().map(|_| SideArray::fingerprints(path, &layout.of_aprons(), level));
         let of_cores =
             [SideArray::ranges(path, layout, level, info.voxel_type), SideArray::fingerprints(path, layout, level)];
@@ -62,7 +62,11 @@ pub(crate) fn paths(path: &Path, layout: &Layout, info: &StoreInfo) -> Vec<PathB
     let bricks = layout.pyramid.level(level).bricks.volume().saturating_mul(layout.shard_times.into());
     let brick_bytes = u64::from(info.edge).pow(3) * info.voxel_type.bytes() as u64;
     let is_small = layout.shard_grid(level).volume() == 1 && bricks.saturating_mul(brick_bytes) <= MOST_SHARD_BYTES;
-    let shards = channels().filter(|_| is_small);
-    let shards = shards.map(|channel| layout.shard_path(path, ShardId { group: 0, channel, level, z: 0, y: 0, x: 0 }));
-    pages.chain(shards).collect()
+    let of_channel = |channel| {
+        let id = ShardId { group: 0, channel, level, z: 0, y: 0, x: 0 };
+        let aprons = info.apron().map(|_| layout.of_aprons().shard_path(path, id));
+        [layout.shard_path(path, id)].into_iter().chain(aprons)
+    };
+    let shards = channels().filter(|_| is_small).flat_map(of_channel);
+    shards.chain(pages).collect()
 }

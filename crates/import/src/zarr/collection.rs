@@ -2,6 +2,7 @@
 //! for each.
 
 use super::field::{Field, Ome};
+use super::gathered;
 use super::image_label;
 use super::node::{Group, Node, open_node};
 use super::paths::{in_words, inside};
@@ -11,7 +12,7 @@ use crate::error::{ImportError, Result};
 use crate::file_order::in_natural_order;
 use crate::files::{listed, name_of};
 use brickyard_objects::at;
-use std::collections::HashSet;
+use std::collections::{BTreeSet, HashSet};
 use std::path::{Path, PathBuf};
 
 /// Most images, wells and nodes looked at.
@@ -57,7 +58,8 @@ pub(super) fn collect(group: &Group) -> Result<Collection> {
     if !labels.is_empty() {
         return Ok(Collection::once(labels));
     }
-    let mut walk = Walk { root: group.path(), found: Collection::default(), helpers: Vec::new(), seen: 0 };
+    let gathered = gathered::nodes(group.path());
+    let mut walk = Walk { root: group.path(), gathered, found: Collection::default(), helpers: Vec::new(), seen: 0 };
     walk.helpers.extend(helpers_of(group.attributes()));
     walk.visit(Path::new(""), 0)?;
     let Walk { mut found, helpers, .. } = walk;
@@ -134,6 +136,8 @@ fn series(group: &Group, ome: &Ome<'_>) -> Result<Option<Vec<PathBuf>>> {
 /// A walk through the folders of a group.
 struct Walk<'a> {
     root: &'a Path,
+    /// Paths of all nodes from the root on, if a document tells them.
+    gathered: Option<BTreeSet<PathBuf>>,
     found: Collection,
     /// Names of coordinates and bounds.
     helpers: Vec<String>,
@@ -142,7 +146,14 @@ struct Walk<'a> {
 
 impl Walk<'_> {
     fn visit(&mut self, at: &Path, depth: usize) -> Result<()> {
-        let folders = folders_in(&self.root.join(at))?;
+        let folders = match &self.gathered {
+            Some(nodes) => {
+                let inside = nodes.iter().filter_map(|node| node.strip_prefix(at).ok()?.components().next());
+                let names: BTreeSet<_> = inside.collect();
+                names.into_iter().map(|name| self.root.join(at).join(name)).collect()
+            }
+            None => folders_in(&self.root.join(at))?,
+        };
         for folder in in_natural_order(&folders) {
             self.seen += 1;
             if self.seen > MOST_NODES {

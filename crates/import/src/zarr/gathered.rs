@@ -6,37 +6,51 @@
 
 use super::document::{CONSOLIDATED, Document};
 use super::paths::inside;
-use brickyard_objects::is_address;
 use serde_json::{Map, Value};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 /// Most bytes of a document: those of a plate of a hundred images.
 const MOST_BYTES: usize = 4 << 20;
 
-/// The documents gathered in a folder at an address become known. A damaged one is passed over: the others are still there.
-pub(super) fn know(folder: &Path) {
-    if !is_address(folder) {
-        return;
-    }
-    let parsed = |name: &str| {
-        let text = Document::bytes(&folder.join(name)).filter(|text| text.len() <= MOST_BYTES)?;
-        serde_json::from_slice::<Value>(&text).ok()
-    };
-    match parsed("zarr.json") {
-        Some(root) => {
-            if let Some(nodes) = root[CONSOLIDATED]["metadata"].as_object() {
-                know_nodes(folder, nodes);
-            }
-        }
+/// The documents gathered in a folder, by their paths, or the nodes'.
+enum Gathered {
+    V2(Map<String, Value>),
+    V3(Map<String, Value>),
+}
+
+impl Gathered {
+    /// Those of a folder at an address. Damaged ones are passed over: the documents themselves are still there.
+    fn of(folder: &Path) -> Option<Self> {
+        let parsed = |name: &str| {
+            let text = Document::bytes(&folder.join(name)).filter(|text| text.len() <= MOST_BYTES)?;
+            serde_json::from_slice::<Value>(&text).ok()
+        };
+        let members = |value: &mut Value| Some(std::mem::take(value.get_mut("metadata")?.as_object_mut()?));
         // Documents of Zarr 3 come before those of Zarr 2.
-        None if Document::is_there(&folder.join("zarr.json")) => {}
-        None => {
-            if let Some(documents) = parsed(".zmetadata").as_ref().and_then(|root| root["metadata"].as_object()) {
-                know_documents(folder, documents);
-            }
+        match Document::is_there(&folder.join("zarr.json")) {
+            true => members(parsed("zarr.json")?.get_mut(CONSOLIDATED)?).map(Self::V3),
+            false => members(&mut parsed(".zmetadata")?).map(Self::V2),
         }
     }
+}
+
+/// The documents gathered in a folder at an address become known.
+pub(super) fn know(folder: &Path) {
+    match Gathered::of(folder) {
+        Some(Gathered::V2(documents)) => know_documents(folder, &documents),
+        Some(Gathered::V3(nodes)) => know_nodes(folder, &nodes),
+        None => {}
+    }
+}
+
+/// Paths of the nodes below a folder at an address, if they are gathered there: web servers keep no list of folders.
+pub(super) fn nodes(folder: &Path) -> Option<BTreeSet<PathBuf>> {
+    let node = |path: &str| inside(path).ok();
+    Some(match Gathered::of(folder)? {
+        Gathered::V2(documents) => documents.keys().filter_map(|path| node(path.rsplit_once('/')?.0)).collect(),
+        Gathered::V3(nodes) => nodes.keys().filter_map(|path| node(path)).collect(),
+    })
 }
 
 /// Nodes of Zarr 3 by their paths.

@@ -10,7 +10,7 @@ use super::image_axes::arrange;
 use super::image_label;
 use super::kept_chunks::KeptChunks;
 use super::multiscales::{Level, Multiscale};
-use super::node::{Node, open_node};
+use super::node::{Node, ZarrVersion, open_node};
 use super::omero;
 use super::own::Own;
 use super::paths::inside;
@@ -28,6 +28,7 @@ use crate::note::Note;
 use crate::options::OpenOptions;
 use crate::source::SourceInfo;
 use crate::variable::split_choice;
+use brickyard_objects::is_address;
 use brickyard_volume::{Extent, VoxelType};
 use glam::DVec3;
 use std::path::Path;
@@ -53,10 +54,7 @@ pub fn open_image(path: &Path) -> Result<Image, ImportError> {
         }
         Target::Image(image) => image,
     };
-    // At an address all levels' documents at once.
-    let documents = |level: &Level| ["zarr.json", ".zarray", ".zattrs"].map(|name| format!("{}/{name}", level.path));
-    let documents: Vec<String> = image.multiscale.levels.iter().flat_map(documents).collect();
-    Document::look_ahead(image.group.path(), &documents);
+    look_ahead(&image);
     let finest = LevelArray::open(&image, image.level, &options)?;
     let kind = image_label::kind_of(&Ome::of(&image.group), image.is_listed, VoxelType::U32);
     // No label is below 0 as a rule, and one that is will be refused.
@@ -74,6 +72,23 @@ pub fn open_image(path: &Path) -> Result<Image, ImportError> {
     let source = Arc::new(finest.source(&image, notes, &options, reading)?);
     let levels = [ImageLevel { source, factor: DVec3::ONE, folder }].into_iter().chain(coarser).collect();
     Ok(Image { levels, presentation: presentation(&image.group, sizes.channels) })
+}
+
+/// Reads the documents of all levels at an address at once, in the version of their group. One found in Zarr 2 has none in Zarr 3.
+fn look_ahead(image: &ImageTarget) {
+    let (group, levels) = (image.group.path(), &image.multiscale.levels);
+    let names: &[&str] = match image.group.version() {
+        ZarrVersion::V3 => &["zarr.json"],
+        ZarrVersion::V2 => &[".zarray", ".zattrs"],
+    };
+    let of_level = |level: &Level| names.iter().map(|name| format!("{}/{name}", level.path)).collect::<Vec<_>>();
+    Document::look_ahead(group, &levels.iter().flat_map(of_level).collect::<Vec<_>>());
+    if image.group.version() == ZarrVersion::V2 && is_address(group) {
+        let folders = levels.iter().filter_map(|level| Some(group.join(inside(&level.path).ok()?)));
+        for folder in folders.filter(|folder| Document::is_there(&folder.join(".zarray"))) {
+            Document::know(&folder.join("zarr.json"), None);
+        }
+    }
 }
 
 /// Opens a coarser level of an image, as bricks are read from it.
