@@ -64,7 +64,7 @@ fn know_nodes(folder: &Path, nodes: &Map<String, Value>) {
     }
 }
 
-/// Documents of Zarr 2 by their paths. A node without attributes there has none.
+/// Documents of Zarr 2 by their paths. An array without attributes there has none; a group without, whose attributes tell of images, is asked.
 fn know_documents(folder: &Path, documents: &Map<String, Value>) {
     let mut nodes: BTreeMap<PathBuf, Vec<&str>> = BTreeMap::new();
     for (path, document) in documents {
@@ -79,7 +79,8 @@ fn know_documents(folder: &Path, documents: &Map<String, Value>) {
         }
     }
     for (node, told) in nodes.into_iter().filter(|(_, told)| *told != [".zattrs"]) {
-        for name in ["zarr.json", ".zarray", ".zgroup", ".zattrs"].into_iter().filter(|name| !told.contains(name)) {
+        let is_absent = |name: &&str| !told.contains(name) && (*name != ".zattrs" || told.contains(&".zarray"));
+        for name in ["zarr.json", ".zarray", ".zgroup", ".zattrs"].into_iter().filter(is_absent) {
             Document::know(&folder.join(&node).join(name), None);
         }
     }
