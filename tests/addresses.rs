@@ -207,6 +207,29 @@ fn one_document_tells_of_all_others() {
     let (code, _, stderr) = sandbox.run(&format!("info {}", server.url("both.zarr")));
     assert!(code == 2 && stderr.contains("a (40 x 36 x 44, u8), b (40 x 36 x 44, u8)"), "{code}: {stderr}");
     assert!(answer(&sandbox, READS[3], &server.url("both.zarr::b"), "b").1 == here[2].1);
+    // Its state is that of all documents it tells: another image there is not taken for the packed one.
+    let pack = format!("pack {} copy.zarr --brick 16 --quiet", server.url("both.zarr::b"));
+    sandbox.run_ok(&pack);
+    sandbox.run_ok(&format!("{pack} --resume"));
+    sandbox.write("both.zarr/.zmetadata", serde_json::json!({"metadata": of_all, "other": 1}).to_string());
+    let (code, _, stderr) = sandbox.run(&format!("{pack} --resume"));
+    assert!(code == 2 && stderr.contains("resume"), "{code}: {stderr}");
+    // Groups below the root of Zarr 3 have an empty map of their own, which tells nothing; thousands are no burden.
+    let array = &of_v3["consolidated_metadata"]["metadata"]["0"];
+    let empty = serde_json::json!({"kind": "inline", "must_understand": false, "metadata": {}});
+    let group =
+        serde_json::json!({"zarr_format": 3, "node_type": "group", "attributes": {}, "consolidated_metadata": empty});
+    let mut nodes: serde_json::Map<_, _> = (0..8000).map(|i| (format!("g{i}"), group.clone())).collect();
+    nodes.extend([("x".into(), group.clone()), ("x/0".into(), array.clone())]);
+    let root = serde_json::json!({"zarr_format": 3, "node_type": "group", "attributes": {}, "consolidated_metadata": {"kind": "inline", "metadata": nodes}});
+    std::fs::create_dir(sandbox.path("many.zarr")).expect("the sandbox is writable");
+    sandbox.write("many.zarr/zarr.json", root.to_string());
+    server.take_asked();
+    let found = sandbox.run_ok(&format!("info {}", server.url("many.zarr")));
+    assert!(found.contains("44 × 36 × 40") || found.contains("44 x 36 x 40"), "{found}");
+    assert!(server.take_asked().len() < 100);
+    let (code, _, stderr) = sandbox.run(&format!("info {}", server.url("many.zarr::x")));
+    assert!(code == 3 && stderr.contains("keeps no list"), "{code}: {stderr}");
     // A damaged one is as good as none.
     sandbox.write("foreign.zarr/zarr.json", "{");
     let (code, _, stderr) = sandbox.run(&format!("info {address}"));

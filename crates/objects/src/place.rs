@@ -71,10 +71,10 @@ impl Place {
         self.objects.kept(&self.name)
     }
 
-    /// Takes a document as read now, absent without bytes: another one has told of it.
-    pub fn know(&self, document: Option<Vec<u8>>) {
+    /// Takes a document as read now, absent without bytes: another one has told of it, whose state is its state.
+    pub fn know(&self, document: Option<Vec<u8>>, teller: &Version) {
         let known = document.map(|bytes| {
-            let version = Version { bytes: bytes.len() as u64, tag: None, is_settled: false };
+            let version = Version { bytes: bytes.len() as u64, ..teller.clone() };
             Arc::new(Object { bytes, version })
         });
         let key = (self.root.clone(), self.name.clone());
@@ -104,9 +104,12 @@ impl Place {
         {
             let mut documents = lock(&DOCUMENTS);
             let documents = documents.get_or_insert_with(HashMap::new);
-            documents.retain(|_, (read, _)| is_fresh(read));
+            // Thousands may be told at once, and are looked up one by one.
+            if documents.len() >= MOST_UNSWEPT && names.iter().any(|name| !documents.contains_key(&key(name))) {
+                documents.retain(|_, (read, _)| is_fresh(read));
+            }
             for name in names {
-                if let Some((_, document)) = documents.get(&key(name)) {
+                if let Some((_, document)) = documents.get(&key(name)).filter(|(read, _)| is_fresh(read)) {
                     found.insert(name.clone(), document.clone());
                 }
             }
@@ -186,6 +189,9 @@ pub fn at(path: &Path) -> io::Result<Option<Place>> {
 
 /// How long a document is taken for the server's present one.
 const KEPT: Duration = Duration::from_secs(5);
+
+/// Documents beyond which those read earlier are forgotten.
+const MOST_UNSWEPT: usize = 256;
 
 /// Documents read of late by host or bucket and name, and when.
 static DOCUMENTS: Mutex<Option<Documents>> = Mutex::new(None);

@@ -148,7 +148,9 @@ impl Walk<'_> {
     fn visit(&mut self, at: &Path, depth: usize) -> Result<()> {
         let folders = match &self.gathered {
             Some(nodes) => {
-                let inside = nodes.iter().filter_map(|node| node.strip_prefix(at).ok()?.components().next());
+                // A folder's nodes follow it in the order of paths.
+                let below = nodes.range(at.to_owned()..).map_while(|node| node.strip_prefix(at).ok());
+                let inside = below.filter_map(|node| node.components().next());
                 let names: BTreeSet<_> = inside.collect();
                 names.into_iter().map(|name| self.root.join(at).join(name)).collect()
             }

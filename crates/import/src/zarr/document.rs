@@ -2,12 +2,13 @@
 
 use crate::error::{ImportError, Result};
 use crate::stamp::Stamp;
-use brickyard_objects::at;
+use brickyard_objects::{Object, Version, at};
 use serde::de::{Deserializer, IgnoredAny, MapAccess, Visitor};
 use serde_json::{Map, Value};
 use std::fs::File;
 use std::io::{ErrorKind, Read};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 /// Most bytes of a document: ten times the consolidated metadata of a plate of a thousand images.
 const MOST_BYTES: u64 = 32 << 20;
@@ -64,16 +65,15 @@ impl Document {
         }
     }
 
-    /// The text of a document at an address; `None` of others, and without one.
-    pub(super) fn bytes(path: &Path) -> Option<Vec<u8>> {
-        let document = at(path).ok()??.document(MOST_BYTES).ok()??;
-        Some(document.bytes.clone())
+    /// The text of a document at an address, and its state; `None` of others, and without one.
+    pub(super) fn object(path: &Path) -> Option<Arc<Object>> {
+        at(path).ok()??.document(MOST_BYTES).ok()?
     }
 
-    /// Takes a document at an address as read, absent without text.
-    pub(super) fn know(path: &Path, text: Option<Vec<u8>>) {
+    /// Takes a document at an address as read, absent without text, in the state of the one that tells of it.
+    pub(super) fn know(path: &Path, text: Option<Vec<u8>>, teller: &Version) {
         if let Ok(Some(place)) = at(path) {
-            place.know(text);
+            place.know(text, teller);
         }
     }
 

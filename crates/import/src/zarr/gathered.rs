@@ -6,6 +6,7 @@
 
 use super::document::{CONSOLIDATED, Document};
 use super::paths::inside;
+use brickyard_objects::Version;
 use serde_json::{Map, Value};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -21,25 +22,28 @@ enum Gathered {
 
 impl Gathered {
     /// Those of a folder at an address. Damaged ones are passed over: the documents themselves are still there.
-    fn of(folder: &Path) -> Option<Self> {
-        let parsed = |name: &str| {
-            let text = Document::bytes(&folder.join(name)).filter(|text| text.len() <= MOST_BYTES)?;
-            serde_json::from_slice::<Value>(&text).ok()
+    fn of(folder: &Path) -> Option<(Self, Version)> {
+        let read = |name: &str| {
+            let object = Document::object(&folder.join(name)).filter(|object| object.bytes.len() <= MOST_BYTES)?;
+            Some((serde_json::from_slice::<Value>(&object.bytes).ok()?, object.version.clone()))
         };
         let members = |value: &mut Value| Some(std::mem::take(value.get_mut("metadata")?.as_object_mut()?));
         // Documents of Zarr 3 come before those of Zarr 2.
-        match Document::is_there(&folder.join("zarr.json")) {
-            true => members(parsed("zarr.json")?.get_mut(CONSOLIDATED)?).map(Self::V3),
-            false => members(&mut parsed(".zmetadata")?).map(Self::V2),
-        }
+        let is_v3 = Document::is_there(&folder.join("zarr.json"));
+        let (mut root, teller) = read(if is_v3 { "zarr.json" } else { ".zmetadata" })?;
+        let gathered = match is_v3 {
+            true => Self::V3(members(root.get_mut(CONSOLIDATED)?)?),
+            false => Self::V2(members(&mut root)?),
+        };
+        Some((gathered, teller))
     }
 }
 
 /// The documents gathered in a folder at an address become known.
 pub(super) fn know(folder: &Path) {
     match Gathered::of(folder) {
-        Some(Gathered::V2(documents)) => know_documents(folder, &documents),
-        Some(Gathered::V3(nodes)) => know_nodes(folder, &nodes),
+        Some((Gathered::V2(documents), teller)) => know_documents(folder, &documents, &teller),
+        Some((Gathered::V3(nodes), teller)) => know_nodes(folder, nodes, &teller),
         None => {}
     }
 }
@@ -47,25 +51,27 @@ pub(super) fn know(folder: &Path) {
 /// Paths of the nodes below a folder at an address, if they are gathered there: web servers keep no list of folders.
 pub(super) fn nodes(folder: &Path) -> Option<BTreeSet<PathBuf>> {
     let node = |path: &str| inside(path).ok();
-    Some(match Gathered::of(folder)? {
+    let nodes: BTreeSet<PathBuf> = match Gathered::of(folder)?.0 {
         Gathered::V2(documents) => documents.keys().filter_map(|path| node(path.rsplit_once('/')?.0)).collect(),
         Gathered::V3(nodes) => nodes.keys().filter_map(|path| node(path)).collect(),
-    })
+    };
+    Some(nodes).filter(|nodes| !nodes.is_empty())
 }
 
-/// Nodes of Zarr 3 by their paths.
-fn know_nodes(folder: &Path, nodes: &Map<String, Value>) {
-    for (path, node) in nodes {
-        let Ok(path) = inside(path) else { continue };
+/// Nodes of Zarr 3 by their paths. An empty map of their own, as zarr-python writes into groups below, tells nothing.
+fn know_nodes(folder: &Path, nodes: Map<String, Value>, teller: &Version) {
+    for (path, mut node) in nodes {
+        let Ok(path) = inside(&path) else { continue };
         let is_node = node["zarr_format"] == 3 && node["node_type"].is_string();
-        if let Some(text) = serde_json::to_vec(node).ok().filter(|_| is_node && path.file_name().is_some()) {
-            Document::know(&folder.join(path).join("zarr.json"), Some(text));
+        node.as_object_mut().map(|node| node.remove(CONSOLIDATED));
+        if let Some(text) = serde_json::to_vec(&node).ok().filter(|_| is_node && path.file_name().is_some()) {
+            Document::know(&folder.join(path).join("zarr.json"), Some(text), teller);
         }
     }
 }
 
 /// Documents of Zarr 2 by their paths. An array without attributes there has none; a group without, whose attributes tell of images, is asked.
-fn know_documents(folder: &Path, documents: &Map<String, Value>) {
+fn know_documents(folder: &Path, documents: &Map<String, Value>, teller: &Version) {
     let mut nodes: BTreeMap<PathBuf, Vec<&str>> = BTreeMap::new();
     for (path, document) in documents {
         let Some((node, name @ (".zarray" | ".zgroup" | ".zattrs"))) = path.rsplit_once('/') else { continue };
@@ -74,14 +80,14 @@ fn know_documents(folder: &Path, documents: &Map<String, Value>) {
             && document.is_object()
             && let Ok(text) = serde_json::to_vec(document)
         {
-            Document::know(&folder.join(&node).join(name), Some(text));
+            Document::know(&folder.join(&node).join(name), Some(text), teller);
             nodes.entry(node).or_default().push(name);
         }
     }
     for (node, told) in nodes.into_iter().filter(|(_, told)| *told != [".zattrs"]) {
         let is_absent = |name: &&str| !told.contains(name) && (*name != ".zattrs" || told.contains(&".zarray"));
         for name in ["zarr.json", ".zarray", ".zgroup", ".zattrs"].into_iter().filter(is_absent) {
-            Document::know(&folder.join(&node).join(name), None);
+            Document::know(&folder.join(&node).join(name), None, teller);
         }
     }
 }

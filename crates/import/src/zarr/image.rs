@@ -84,9 +84,10 @@ fn look_ahead(image: &ImageTarget) {
     let of_level = |level: &Level| names.iter().map(|name| format!("{}/{name}", level.path)).collect::<Vec<_>>();
     Document::look_ahead(group, &levels.iter().flat_map(of_level).collect::<Vec<_>>());
     if image.group.version() == ZarrVersion::V2 && is_address(group) {
-        let folders = levels.iter().filter_map(|level| Some(group.join(inside(&level.path).ok()?)));
-        for folder in folders.filter(|folder| Document::is_there(&folder.join(".zarray"))) {
-            Document::know(&folder.join("zarr.json"), None);
+        for folder in levels.iter().filter_map(|level| Some(group.join(inside(&level.path).ok()?))) {
+            if let Some(array) = Document::object(&folder.join(".zarray")) {
+                Document::know(&folder.join("zarr.json"), None, &array.version);
+            }
         }
     }
 }
